@@ -127,6 +127,13 @@ def test_a_recipe_that_cannot_be_used_stops_its_own_run(text, sentence, tmp_path
         require_recipe([])
 
 
+def test_a_recipe_whose_run_could_not_be_read_is_refused_before_it_trains(tmp_path, monkeypatch):
+    monkeypatch.setattr("training.config.recipes.RECIPES", tmp_path)
+    (tmp_path / "moire+pgd.yaml").write_text("train: {init: clean}\n")
+    with pytest.raises(SystemExit, match=r"moire\+pgd\.yaml cannot be the name of"):
+        require_recipe(["recipe=moire+pgd"])
+
+
 def test_a_recipe_is_not_given_to_an_attack():
     with pytest.raises(ValueError, match="recipe= says how a model is trained"):
         check_overrides(configured(name="reattack"), ["recipe=moire_at"])

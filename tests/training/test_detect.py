@@ -128,11 +128,12 @@ def test_a_detector_that_does_not_fit_gets_a_sentence(tmp_path):
         Detector.load(tmp_path / "old.pt")
 
 
-def test_ordinary_photos_are_kept_as_small_as_they_are_scored(tmp_path):
+def test_ordinary_photos_are_read_one_by_one_as_small_as_they_are_scored(tmp_path):
     put(tmp_path, sizes=[(3000, 2000)])
+    (tmp_path / "torn.png").write_bytes(b"")
     (kept,) = fit.readable(Pictures(tmp_path, 1))
     assert max(kept.size) == 1024
-    (name,) = Pictures(tmp_path, 1).names
+    name, _ = Pictures(tmp_path, 1).names
     with Image.open(tmp_path / name) as photo:
         assert torch.equal(as_photo(kept), as_photo(photo.convert("RGB")))
 
@@ -221,4 +222,4 @@ def test_ordinary_pictures_set_the_threshold(trained):
 def test_where_ordinary_photos_are_named_no_others_are_drawn(tmp_path, monkeypatch):
     put(tmp_path, sizes=[(400, 300), (300, 420)])
     monkeypatch.setattr(fit.DrawnPictures, "draw", lambda *_: pytest.fail("drawn in vain"))
-    assert len(fit.sources(fit.Config(ordinary=str(tmp_path), weights=None))[1]) == 2
+    assert len([*fit.sources(fit.Config(ordinary=str(tmp_path), weights=None))[1]]) == 2

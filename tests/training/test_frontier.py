@@ -91,6 +91,16 @@ def test_gains_over_another_recipe(tmp_path, capsys):
         command.main([str(tmp_path), "against=best"])
 
 
+def test_runs_compared_with_a_network_that_was_not_trained_get_a_sentence(tmp_path):
+    for seed in range(2):
+        folder = put(tmp_path, "moire_tune", seed, worst=(0.3, 0.2))
+        metrics = frontier_runs.metrics_in(folder)
+        metrics["baseline"] |= {"recipe": "original", "train": None}
+        frontier_runs.write(folder, metrics)
+    with pytest.raises(SystemExit, match="no run says how long plain training takes"):
+        command.main([str(tmp_path)])
+
+
 def test_the_front_is_what_nothing_dominates():
     points = [(1, 0), (2, 3), (2, 2), (3, 3), (4, 5), (4, 5), (1, -1)]
     assert pareto(points) == [True, True, False, False, True, True, False] and pareto([]) == []

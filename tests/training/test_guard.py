@@ -70,7 +70,9 @@ def trained(tmp_path, monkeypatch, accuracies, *overrides):
         **quiet,
     )
     trainer.fit(model, Batches(load(cfg.data), cfg.train.batch_size, workers=0, seed=cfg.seed))
-    return model, seen, torch.load(tmp_path / "best.ckpt", weights_only=True)
+    kept = torch.load(tmp_path / "best.ckpt", weights_only=True)
+    guard.note_late_collapse(model, kept["epoch"])
+    return model, seen, kept
 
 
 def test_a_collapsed_model_returns_to_its_best_epoch(tmp_path, monkeypatch, capsys):

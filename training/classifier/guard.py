@@ -34,13 +34,14 @@ class CollapseGuard(L.Callback):
         epoch, steps = best["epoch"] + 1, module.adversary.cfg.steps
         _report(module, f"Back to epoch {epoch}, and training continues with {steps} steps.")
 
-    def on_train_end(  # type: ignore[override]
-        self, trainer: L.Trainer, module: Classifier
-    ) -> None:
-        if module.collapses(module.history):
-            module.collapsed_at = int(module.history[-1]["epoch"])
-            kept = read_checkpoint(self.best)["epoch"] + 1  # the only epoch, if it was the first
-            _report(module, f"It was the last epoch: epoch {kept} is kept.")
+
+def note_late_collapse(module: Classifier, best_epoch: int) -> None:
+    """Record a collapse in the last epoch of a training that has ended, also in a process before
+    this one, in which Lightning would call no hook."""
+    if module.collapses(module.history):
+        module.collapsed_at = int(module.history[-1]["epoch"])
+        # the only epoch, if it was the first
+        _report(module, f"It was the last epoch: epoch {best_epoch + 1} is kept.")
 
 
 def _report(module: Classifier, consequence: str) -> None:

@@ -10,7 +10,7 @@ import lightning as L
 
 from moireaug.scene.draws import mix_seeds
 from training.classifier.adversaries import passes, require_parts
-from training.classifier.guard import CollapseGuard
+from training.classifier.guard import CollapseGuard, note_late_collapse
 from training.classifier.module import Classifier
 from training.classifier.original import Blend, Original, keep_answers
 from training.classifier.tuning import Tuning, weight_averaging
@@ -74,6 +74,7 @@ def train_model(
     trainer = trainer_of(cfg.trainer, classifier.tuning, epochs, run.folder, origin)
 
     def finish(best: Mapping[str, Any], seconds: float) -> dict[str, Any]:
+        note_late_collapse(classifier, int(best["epoch"]))
         shares = {}
         if classifier.original:
             path = run.folder / BEST

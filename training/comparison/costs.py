@@ -33,9 +33,10 @@ def total_seconds(train: TrainCost, metrics: RunMetrics) -> float:
 
 
 def plain_seconds(metrics: RunMetrics) -> float | None:
-    """Return the time of plain training with the same seed and settings, its start included."""
+    """Return the time of plain training with the same seed and settings, its start included; None
+    where it is not known, or what a run is compared with was not trained."""
     plain = metrics if metrics.recipe == "baseline" else metrics.baseline
-    return total_seconds(own_cost(plain), metrics) if plain else None
+    return total_seconds(plain.train, metrics) if plain and plain.train else None
 
 
 def images_per_second(metrics: RunMetrics) -> float:

@@ -1,6 +1,7 @@
 """The recipes: the files of recipes/, each a YAML mapping of the settings that differ."""
 
 import itertools
+import re
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +13,8 @@ from omegaconf.errors import OmegaConfBaseException
 
 from training.config.command_line import HELP_WRAPPING, PRINTING_FLAGS, reason_of
 from training.config.schema import RECIPES, Config
+
+RECIPE_NAME = re.compile(r"[\w.-]+")  # which is also a folder's
 
 
 def recipe_files() -> list[Path]:
@@ -28,6 +31,10 @@ def purpose(recipe: Path) -> str:
 
 def read_recipe(path: Path) -> dict[str, Any]:
     """Return the settings of a recipe, and its name."""
+    if not RECIPE_NAME.fullmatch(path.stem):
+        raise ValueError(
+            f"{path} cannot be the name of a recipe: rename it, with letters, digits, _, . and -."
+        )
     try:
         values = OmegaConf.load(path)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:

@@ -13,7 +13,7 @@ pictures, which are left out of the training. Writes detector.pt and metrics.jso
 import json
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -94,7 +94,7 @@ def train(cfg: Config) -> dict[str, Any]:
     make_folder(out, "out=DIR")
     seen = look_at(detector, rounds, cfg)
     areas = {look: fit_look(detector.heads[look], seen[look], cfg) for look in LOOKS}
-    scores = torch.tensor([score_of(detector, picture) for picture in ordinary])
+    scores = torch.tensor([score_of(detector, picture) for picture in tqdm(ordinary, disable=None)])
     detector.threshold.fill_(float(torch.quantile(scores, 1 - cfg.false_alarms)))
     kinds = Counter(f"{look}: {one.kind}" for look in LOOKS for one in seen[look])
     metrics: dict[str, Any] = {
@@ -143,37 +143,31 @@ def fit_look(head: nn.Module, seen: Sequence[SeenExample], cfg: Config) -> float
     return auc(logits[truth], logits[~truth])
 
 
-def sources(cfg: Config) -> tuple[Source, list[Any]]:
-    """Return the pictures that train, and the ordinary photos that set the threshold."""
+def sources(cfg: Config) -> tuple[Source, Iterable[Any]]:
+    """Return the pictures that train, and the ordinary photos that set the threshold, of which at
+    least one is usable."""
     pictures: Source = DrawnPictures(PHOTO_SIDE)
     ordinary = None
     if cfg.images is not None:
         pictures, ordinary = split_tenths(Pictures(cfg.images, MIN_SIDE), 2)
     if cfg.ordinary is not None:
         ordinary = Pictures(cfg.ordinary, 1)
-    if ordinary is not None:
-        return pictures, readable(ordinary)
     rng = np.random.default_rng((cfg.seed, 1))
-    return pictures, [pictures.draw(rng)[1] for _ in range(DRAWN_ORDINARY)]
+    if ordinary is None:
+        return pictures, [pictures.draw(rng)[1] for _ in range(DRAWN_ORDINARY)]
+    ordinary.draw(rng)  # a folder without a usable one is refused before the training
+    return pictures, readable(ordinary)
 
 
-def readable(pictures: Pictures) -> list[Any]:
-    """Return the usable ones among pictures, as large as a detector looks at them: thousands of a
-    camera's own size fill the memory.
-
-    Raises:
-        NoPictureError: none is usable.
-    """
-    found = []
+def readable(pictures: Pictures) -> Iterator[Any]:
+    """Yield the usable ones among pictures, as large as a detector looks at them; all at once would
+    fill the memory."""
     for number in range(len(pictures)):
         try:
             picture = pictures.subset([number]).draw(np.random.default_rng(0))[1]
-            found.append(shrunk(picture))
-        except ValueError as error:
-            reason = error
-    if not found:
-        raise reason
-    return found
+        except ValueError:  # as one that trains is skipped
+            continue
+        yield shrunk(picture)
 
 
 @torch.no_grad()

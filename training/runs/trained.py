@@ -4,7 +4,6 @@ Nothing in it is run, imported or looked up, and it names no files but those of 
 """
 
 import os
-import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,6 +13,7 @@ from torch import Tensor, nn
 
 from moireaug.common.argument_checks import one_of
 from training.config.data_sets import DATA, Data
+from training.config.recipes import RECIPE_NAME
 from training.config.scenes import scene_of
 from training.config.schema import Config, as_config
 from training.data.splits import Splits
@@ -114,7 +114,7 @@ def read_config(path: Path) -> Config:
         cfg = OmegaConf.merge(OmegaConf.structured(Config), values)
         for key in sorted(OmegaConf.missing_keys(cfg)):
             raise ValueError(f"{key} is missing")
-        if not re.fullmatch(r"[\w.-]+", cfg.recipe):
+        if not RECIPE_NAME.fullmatch(cfg.recipe):
             raise ValueError(f"recipe must be a name; got {cfg.recipe!r}.")
         one_of("data.name", cfg.data.name, DATA)
         if cfg.model not in OWN_MODELS:
