@@ -10,10 +10,9 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from moireaug.camera.effects.sensor import DARK_LEVEL, Noise, lost_variances
+from moireaug.camera.effects.sensor import Noise, mean_of_clipped
 from moireaug.camera.exposure.extremes import max_glare, modulation_depth
 from moireaug.capture import expose
-from moireaug.common import tensor_physics
 from moireaug.common.numeric import per_image
 from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import bounds
@@ -46,12 +45,7 @@ def read(light: Tensor, shot: Shot, inside: Tensor) -> Tensor:
         light = Noise()(light, shot)
     if "clip_reading" not in shot.plan.exposing:
         return light
-    read, photons, pattern = (t.to(light.dtype) for t in lost_variances(shot))
-    pattern = pattern[:, :, None, None]
-    if light.shape[1] == 4:
-        pattern = pattern[:, [0, 1, 1, 2]]
-    noise = read + photons * light.clamp(min=DARK_LEVEL)
-    return tensor_physics.clipping.expected_clip(light, noise, light.square() * pattern * inside)
+    return mean_of_clipped(light, shot, inside)
 
 
 def _light(codes: Tensor, shot: Shot, scene: Scene, fixed: Mapping[str, float]) -> Tensor:

@@ -74,14 +74,21 @@ class ClipReading(Effect):
         return left_out("no reading leaves [0, 1]")
 
     def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
-        if not shot.scene.is_binned:
-            return clip(raw)
-        read, photons, pattern = (t.to(raw.dtype) for t in lost_variances(shot))
-        pattern = pattern[:, :, None, None]
-        if raw.shape[1] == 4:
-            pattern = pattern[:, [0, 1, 1, 2]]
-        noise = read + photons * raw.clamp(min=DARK_LEVEL)
-        return tensor_physics.clipping.expected_clip(raw, noise, raw.square() * pattern)
+        return mean_of_clipped(raw, shot) if shot.scene.is_binned else clip(raw)
+
+
+def mean_of_clipped(raw: Tensor, shot: ShotRecord, share: Tensor | float = 1.0) -> Tensor:
+    """Return a binned reading (B, planes, h, w) as the means of its clipped sensor pixels.
+
+    Args:
+        share: of each pixel that shows the panel's pattern, (B, 1, h, w).
+    """
+    read, photons, pattern = (t.to(raw.dtype) for t in lost_variances(shot))
+    pattern = pattern[:, :, None, None]
+    if raw.shape[1] == 4:
+        pattern = pattern[:, [0, 1, 1, 2]]
+    noise = read + photons * raw.clamp(min=DARK_LEVEL)
+    return tensor_physics.clipping.expected_clip(raw, noise, raw.square() * pattern * share)
 
 
 class Saturate(Effect):
