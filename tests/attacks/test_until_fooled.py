@@ -26,7 +26,7 @@ ATTACKS = {
     "photo": (MoireAttack, {"noise_at": "photo"}),
     "turning": (MoireAttack, {"optimise": ("noise", "view")}),
     "pgd": (PGD, {}),
-    "patch": (Patch, {"area": 0.3}),
+    "patch": (Patch, {"area": 0.3, "eps": 24 / 255}),
     "square": (SquareMoire, {"eps": 48 / 255}),
 }
 
