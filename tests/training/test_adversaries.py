@@ -67,6 +67,7 @@ COSTS = [
     (Adversary(kind="moire_attack", share=0.5, eps=0.02, steps=3), 2.5),
     (Adversary(kind="pgd", share=1.0, eps=0.02, steps=2), 3.0),
     (Adversary(kind="photographed_pgd", share=1.0, eps=0.02, steps=2), 3.0),
+    (Adversary(kind="pgd_on_photo", share=1.0, eps=0.02, steps=2), 3.0),
     (Adversary(kind="moire_attack", share=0.5, natural=0.25, eps=0.02, steps=2), 2.0),
     (Adversary(kind="moire_attack", share=0.5, eps=0.02, steps=2, optimise=["view"], draws=3), 2.5),
 ]
@@ -94,6 +95,19 @@ def test_photographed_pgd_photographs_what_pgd_attacked():
     attacked = ATTACK_OF_KIND["pgd"](model, SCENE, cfg).last(images, labels)
     assert (attacked - images).abs().max() == pytest.approx(0.02)
     assert torch.equal(shown, adversary.photograph(attacked))
+
+
+def test_pgd_on_photo_attacks_the_photo_itself():
+    model = Counting()
+    images, labels = batch()
+    cfg = Adversary(kind="pgd_on_photo", share=1.0, eps=0.02, steps=2)
+    adversary = TrainingAdversary(model, SCENE, cfg)
+    torch.manual_seed(0)
+    attacked = adversary(images, labels)
+    torch.manual_seed(0)
+    photos = adversary.photograph(images)
+    assert (attacked - photos).abs().max() == pytest.approx(0.02)
+    assert (attacked - images).abs().max() > 0.05
 
 
 def test_eps_rises_linearly(monkeypatch):
@@ -168,6 +182,7 @@ NO_EFFECT = {
     "recipe=pgd_at adversary.optimise=[view]": "on adversary.kind=pgd",
     "recipe=pgd_at adversary.natural=0 adversary.moire=false": "on adversary.kind=pgd",
     "recipe=pgd_at adversary.kind=photographed_pgd adversary.draws=3": "kind=photographed_pgd",
+    "recipe=pgd_at adversary.kind=pgd_on_photo adversary.bound=light": "kind=pgd_on_photo",
     "recipe=moire_aug adversary.eps=0.1": "on adversary.kind=none",
     "recipe=moire_aug adversary.steps=2": "on adversary.kind=none",
     "recipe=moire_aug adversary.warmup=0.5": "on adversary.kind=none",
@@ -175,6 +190,7 @@ NO_EFFECT = {
 }
 AN_EFFECT = (
     "recipe=pgd_at adversary.kind=photographed_pgd adversary.natural=0 adversary.moire=false",
+    "recipe=pgd_at adversary.kind=pgd_on_photo adversary.natural=0 adversary.moire=false",
     "recipe=pgd_at adversary.moire=false",
     "recipe=moire_aug adversary.moire=false",
     "recipe=moire_at adversary.natural=0 adversary.moire=false adversary.bound=light",

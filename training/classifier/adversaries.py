@@ -28,13 +28,16 @@ class TrainingAdversary:
 
     def __call__(self, images: Tensor, labels: Tensor, strength: float = 1.0) -> Tensor:
         """Return images (B, 3, H, W) in [0, 1] under attack, without gradient; where the kind is
-        "photographed_pgd", photographed then, and where it is "none", only photographed.
+        "photographed_pgd", photographed then; where it is "pgd_on_photo", photographed before; and
+        where it is "none", only photographed.
 
         Args:
             strength: share of eps that is in force, in [0, 1].
         """
         if self.attack is None:
             return self.photograph(images)
+        if self.cfg.kind == "pgd_on_photo":
+            images = self.photograph(images)
         attacked = replace(self.attack, eps=strength * self.cfg.eps).last(images, labels)
         return self.photograph(attacked) if self.cfg.kind == "photographed_pgd" else attacked
 
@@ -61,7 +64,12 @@ def _pgd(model: nn.Module, scene: Scene | Mixture, cfg: Adversary) -> Attack:
     return PGD(model, eps=cfg.eps, steps=cfg.steps, random_start=1.0)
 
 
-ATTACK_OF_KIND = {"moire_attack": _moire_attack, "pgd": _pgd, "photographed_pgd": _pgd}
+ATTACK_OF_KIND = {
+    "moire_attack": _moire_attack,
+    "pgd": _pgd,
+    "photographed_pgd": _pgd,
+    "pgd_on_photo": _pgd,
+}
 
 
 def part_counts(cfg: Adversary, images: int) -> tuple[int, int]:

@@ -13,7 +13,7 @@ from moireaug.attacks.bounds import BOUNDS
 from training.config.data_sets import EPOCHS_HELP, MAX_SEED, Data
 from training.config.settings import require_declared, section, setting
 
-ATTACKS = ("moire_attack", "pgd", "photographed_pgd")  # of training
+ATTACKS = ("moire_attack", "pgd", "photographed_pgd", "pgd_on_photo")  # of training
 TARGETS = ("labels", "answers")
 RECIPES = Path(__file__).resolve().parents[2] / "recipes"
 # weights are float32 in all of them: the average, the attack and every re-attack need that
@@ -33,7 +33,7 @@ class Adversary:
     kind: str = setting(
         "none",
         "noise on the raw image (moire_attack), on pixels (pgd), on pixels before the photo "
-        "(photographed_pgd), or none",
+        "(photographed_pgd), on the photo (pgd_on_photo), or none",
         choices=("none", *ATTACKS),
     )
     share: float = setting(0.0, "share of each batch that is attacked", bounds=(0, 1))
@@ -66,7 +66,7 @@ class Adversary:
     moire: bool = setting(
         True,
         "false: photos without moiré, as a control",
-        only_for=("moire_attack", "photographed_pgd", "natural"),
+        only_for=("moire_attack", "photographed_pgd", "pgd_on_photo", "natural"),
     )
 
 
