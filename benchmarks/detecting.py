@@ -4,14 +4,17 @@
 
 PHOTOS holds a folder for each collection, with folders named real and screen, as training/detect.py
 score takes them. Rows, by collection: the detector, and each of its looks alone; heads that are
-fitted on the real photos of all other collections, the mark to pass; and the crops' head fitted on
-crops of the pictures in DIR with a sinusoid in each colour, against the crops. Writes
-results/detecting.csv, detecting.png (ROC curves) and, beside the detector, mistakes.png.
+fitted on the real photos of all other collections, the mark to pass; the crops' head fitted on
+crops of the pictures in DIR with a sinusoid in each colour, against the crops; and heads fitted on
+a few photos of the collection itself, with simulated ones and without, judged on its others (means
+of three draws). Writes results/detecting.csv, detecting.png (ROC curves) and, beside the detector,
+mistakes.png.
 """
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,60 +23,94 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywher
 import numpy as np
 import pandas as pd
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
 from benchmarks import measure
 from benchmarks.other_libraries import overlay
 from moireaug.common.files import write_bytes
-from moireaug.common.image_files import read_picture
 from moireaug.synthesis.pictures import Pictures
-from training.detection.examples import part_of, saved
+from training.config import scenes
+from training.detection.examples import Examples, part_of, saved
+from training.detection.fit import Config, look_at, sources
+from training.detection.labelled import LabelledPhotos, collection_of, read_labelled
 from training.detection.measures import measures, roc_plot
 from training.detection.network import (
     CROP_SIDE,
-    WHOLE_SIDE,
+    LOOKS,
     Detector,
     as_photo,
-    at_photo_size,
-    crops_of,
     fit_head,
     pooled_score,
 )
-from training.detection.score import collection_of, judge, truth_of
+from training.detection.score import judge
 
 PENALTY = 0.5
+OWN = (5, 20)  # photos of each kind of a collection, as a user might label
+DRAWS = 3  # of these
+MEANS = ("auc", "eer", "found_at_10")
+Part = tuple[Tensor, Tensor]  # features (N, F), and whether each is a screen (N,)
+NONE: Mapping[str, list[Part]] = {look: [] for look in LOOKS}
 
 
-def looks(detector: Detector, photo: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the features of a photo's crops (crops, F), and of the whole of it (F,)."""
-    photo = at_photo_size(photo)
-    whole = F.interpolate(photo, (WHOLE_SIDE, WHOLE_SIDE), mode="bilinear", antialias=True)
-    return detector.features(crops_of(photo)[0]), detector.features(whole)[0]
-
-
-def scored(crop_head: nn.Module, whole_head: nn.Module, crops: Tensor, wholes: Tensor) -> Tensor:
-    """Return the scores (N,) of features (N, crops, F) and (N, F)."""
-    return pooled_score(crop_head(crops)[..., 0], whole_head(wholes)[:, 0])
-
-
-def fitted(features: Tensor, truth: Tensor) -> nn.Module:
-    """Return a head on features (N, F)."""
-    head = nn.Linear(features.shape[1], 1)
-    fit_head(head, features, truth.tolist(), PENALTY)
+def fitted(*parts: Part) -> nn.Module:
+    """Return a head on parts of examples, which weigh the same."""
+    head = nn.Linear(parts[0][0].shape[1], 1)
+    fit_head(head, parts, PENALTY)
     return head
 
 
-def of_others(crops: Tensor, wholes: Tensor, truth: Tensor, group: np.ndarray) -> Tensor:
+@torch.no_grad()
+def scores_by(
+    photos: LabelledPhotos, chosen: Tensor, judged: Tensor, others: Mapping[str, list[Part]]
+) -> Tensor:
+    """Return the scores of photos by heads fitted on others of them, and by look on further parts.
+
+    Args:
+        chosen, judged: whether a photo trains, and whether it is scored (N,).
+    """
+    train, test = (
+        LabelledPhotos([], photos.crops[rows], photos.wholes[rows], photos.is_screen[rows])
+        for rows in (chosen, judged)
+    )
+    heads = (fitted(train.part(look), *others[look]) for look in LOOKS)
+    return pooled_score(*heads, test.crops, test.wholes)
+
+
+def of_others(photos: LabelledPhotos, group: np.ndarray) -> Tensor:
     """Return the scores of photos by heads fitted on all other collections."""
-    scores = torch.zeros(len(truth))
+    scores = torch.zeros(len(group))
     for name in np.unique(group):
         left_out = torch.from_numpy(group == name)
-        rows = truth[~left_out]
-        crop_head = fitted(crops[~left_out].flatten(0, 1), rows.repeat_interleave(crops.shape[1]))
-        whole_head = fitted(wholes[~left_out], rows)
-        scores[left_out] = scored(crop_head, whole_head, crops[left_out], wholes[left_out])
+        scores[left_out] = scores_by(photos, ~left_out, left_out, NONE)
     return scores
+
+
+def simulated_parts(detector: Detector, cfg: Config) -> dict[str, list[Part]]:
+    """Return by look the part of examples that a detector is fitted to."""
+    rounds = Examples(sources(cfg)[0], scenes.load(cfg.scene), cfg.seed)
+    found = {}
+    for look, seen in look_at(detector, rounds, cfg).items():
+        features = torch.stack([one.features for one in seen])
+        found[look] = [(features, torch.tensor([one.is_screen for one in seen]))]
+    return found
+
+
+def with_own(
+    photos: LabelledPhotos, rows: np.ndarray, n: int, others: Mapping[str, list[Part]]
+) -> dict[str, float]:
+    """Return how well heads do on one collection after n screens and n others of it, and further
+    parts; the mean of some draws."""
+    found = []
+    for seed in range(DRAWS):
+        order = np.random.default_rng(seed).permutation(np.flatnonzero(rows))
+        is_screen = photos.is_screen.numpy()[order]
+        chosen = torch.zeros(len(rows), dtype=torch.bool)
+        chosen[[*order[is_screen][:n], *order[~is_screen][:n]]] = True
+        judged = torch.from_numpy(rows) & ~chosen
+        truth = photos.is_screen[judged]
+        scores = scores_by(photos, chosen, judged, others)
+        found.append(measures(scores[truth].numpy(), scores[~truth].numpy(), 0.0))
+    return {key: float(np.mean([row[key] for row in found])) for key in MEANS}
 
 
 def sinusoid_head(detector: Detector, folder: str, n: int) -> nn.Module:
@@ -87,7 +124,7 @@ def sinusoid_head(detector: Detector, folder: str, n: int) -> nn.Module:
             codes = saved(rng, image, CROP_SIDE)
             features.append(detector.features(codes[None].float() / 255)[0])
             truth.append(is_screen)
-    return fitted(torch.stack(features), torch.tensor(truth))
+    return fitted((torch.stack(features), torch.tensor(truth)))
 
 
 @torch.no_grad()
@@ -96,24 +133,22 @@ def main() -> None:
     parser.add_argument("photos", help="a folder of collections")
     parser.add_argument("--detector", type=Path, required=True)
     parser.add_argument("--images", required=True, help="a folder of ordinary pictures")
+    parser.add_argument("--rounds", type=int, default=300, help="as n= of training/detect.py")
     args, n, _ = measure.begin(parser, 150, 4)
     torch.manual_seed(0)
-    detector, pictures = Detector.load(args.detector), Pictures(args.photos, 1)
-    names = [name for name in pictures.names if truth_of(name) is not None]
-    seen = [looks(detector, as_photo(read_picture(pictures.folder / name))) for name in names]
-    crops, wholes = (torch.stack(list(part)) for part in zip(*seen, strict=True))
-    truth = torch.tensor([bool(truth_of(name)) for name in names])
-    group = np.array([collection_of(name) for name in names])
+    detector = Detector.load(args.detector)
+    photos = read_labelled(detector, args.photos)
+    truth, group = photos.is_screen, np.array([collection_of(name) for name in photos.names])
     crop_head, whole_head = detector.heads["crop"], detector.heads["whole"]
-    logits = crop_head(crops)[..., 0]
+    crops = crop_head(photos.crops)[..., 0]
+    sinusoids = sinusoid_head(detector, args.images, n)(photos.crops)[..., 0]
     scores = {
-        "the detector": scored(crop_head, whole_head, crops, wholes),
-        "its crops alone": logits.mean(1) + logits.amax(1),
-        "its whole photos alone": whole_head(wholes)[:, 0],
+        "the detector": pooled_score(crop_head, whole_head, photos.crops, photos.wholes),
+        "its crops alone": crops.mean(1) + crops.amax(1),
+        "its whole photos alone": whole_head(photos.wholes)[:, 0],
+        "a sinusoid in each colour, crops alone": sinusoids.mean(1) + sinusoids.amax(1),
+        "real photos of the others": of_others(photos, group),
     }
-    sinusoids = sinusoid_head(detector, args.images, n)(crops)[..., 0]
-    scores["a sinusoid in each colour, crops alone"] = sinusoids.mean(1) + sinusoids.amax(1)
-    scores["real photos of the others"] = of_others(crops, wholes, truth, group)
     rows: list[dict[str, Any]] = []
     curves = {}
     for kind, values in scores.items():
@@ -125,9 +160,18 @@ def main() -> None:
             else:  # whose threshold is nobody's
                 found = {key: value for key, value in found.items() if "pcer" not in key}
             rows.append({"trained on": kind, "collection": name} | found)
+    simulated = simulated_parts(detector, Config(images=args.images, weights=None, n=args.rounds))
+    for number in OWN:
+        for kind, others in (("", NONE), ("simulated photos and ", simulated)):
+            for name in np.unique(group):
+                found = with_own(photos, group == name, number, others)
+                label = f"{kind}{number} screens and {number} others of its own"
+                rows.append({"trained on": label, "collection": name} | found)
     frame = pd.DataFrame(rows)
-    table = pd.DataFrame({"photo": names, "score": scores["the detector"], "truth": truth.numpy()})
-    judge(table, detector.threshold.item(), pictures.folder, args.detector.parent)
+    table = pd.DataFrame(
+        {"photo": photos.names, "score": scores["the detector"], "truth": truth.numpy()}
+    )
+    judge(table, detector.threshold.item(), Path(args.photos), args.detector.parent)
     print(frame.pivot(index="trained on", columns="collection", values="auc").round(2))
     print(frame.groupby("trained on", sort=False)[["auc", "eer", "found_at_10"]].mean().round(3))
     measure.publish(frame, measure.results(args) / "detecting.csv")

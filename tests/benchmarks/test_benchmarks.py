@@ -30,6 +30,7 @@ from moireaug.defenses import Rejecting
 from tests.benchmarks.conftest import QUICKLY, ROOT
 from tests.training.small import TINY, configured, train
 from tests.training.strangers import put
+from training.detection.labelled import LabelledPhotos
 
 
 def test_a_script_finds_the_repository_from_anywhere():
@@ -251,7 +252,10 @@ def test_a_collection_is_scored_by_heads_of_the_others():
     group = np.repeat(["one", "other"], 20)
     signs = torch.from_numpy(np.where(group == "one", 1.0, -1.0)).float() * (2.0 * truth - 1)
     crops = signs[:, None, None] + 0.1 * torch.randn(40, 5, 3, generator=generator)
-    scores = detecting.of_others(crops, crops.mean(1), truth, group)
+    photos = LabelledPhotos([], crops, crops.mean(1), truth)
+    scores = detecting.of_others(photos, group)
     for name in ("one", "other"):  # what tells them apart here says the opposite there
         rows = torch.from_numpy(group == name)
         assert scores[rows & truth].max() < scores[rows & ~truth].min()
+    found = detecting.with_own(photos, group == "one", 5, detecting.NONE)
+    assert found["auc"] == 1 and found["eer"] == 0

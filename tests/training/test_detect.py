@@ -15,8 +15,16 @@ from tests.synthesis.folders import put
 from training import detect
 from training.detection import fit, score
 from training.detection.examples import Examples
+from training.detection.labelled import collection_of, read_labelled, truth_of
 from training.detection.measures import auc, equal_error_rate, found_at, measures
-from training.detection.network import CROP_SIDE, WHOLE_SIDE, Detector, as_photo, fit_head
+from training.detection.network import (
+    CROP_SIDE,
+    WHOLE_SIDE,
+    Detector,
+    as_photo,
+    fit_head,
+    pooled_score,
+)
 
 SCENE = "phone_at_monitor"
 
@@ -173,10 +181,10 @@ def test_a_wrong_command_is_refused(command, message, tmp_path, monkeypatch):
 
 
 def test_the_truth_and_the_collection_are_read_off_the_folders():
-    assert score.truth_of("a/Data/Real/1.jpg") is False and score.truth_of("screens/2.jpg") is True
-    assert score.truth_of("a/b/screen.jpg") is None
-    assert score.collection_of("a/Data/real/1.jpg") == "a"
-    assert score.collection_of("real/1.jpg") == score.collection_of("1.jpg") == ""
+    assert truth_of("a/Data/Real/1.jpg") is False and truth_of("screens/2.jpg") is True
+    assert truth_of("a/b/screen.jpg") is None
+    assert collection_of("a/Data/real/1.jpg") == "a"
+    assert collection_of("real/1.jpg") == collection_of("1.jpg") == ""
 
 
 def test_measures_are_those_of_small_examples():
@@ -196,7 +204,7 @@ def test_a_head_is_the_penalised_logistic_regression():
     x = torch.randn(60, 4, generator=generator) * torch.tensor([1.0, 5.0, 0.1, 1.0]) + 2
     truth = x[:, 0] + 0.1 * x[:, 1] > 2.5
     head = torch.nn.Linear(4, 1)
-    fit_head(head, x, truth.tolist(), penalty=0.1)
+    fit_head(head, [(x, truth)], penalty=0.1)
     loss = torch.nn.functional.binary_cross_entropy_with_logits
     share = truth.float().mean()
     balance = torch.where(truth, 0.5 / share, 0.5 / (1 - share))
@@ -210,6 +218,48 @@ def test_a_head_is_the_penalised_logistic_regression():
     bias = head.bias.detach()[0].requires_grad_()
     objective(weight, bias).backward()
     assert (weight.grad * std).abs().max() < 1e-3 and bias.grad.abs() < 1e-3
+
+
+def test_parts_of_examples_weigh_the_same():
+    """Few examples of a part that contradict many of another one tie with them."""
+    many, few = torch.randn(400, 1, generator=torch.Generator().manual_seed(0)), torch.ones(4, 1)
+    few[:2] = -1
+    head = torch.nn.Linear(1, 1)
+    fit_head(head, [(many, many[:, 0] > 0)], penalty=0.01)
+    alone = head.weight.item()
+    contradicting = few, few[:, 0] < 0
+    fit_head(head, [(many.sign(), many[:, 0] > 0), contradicting], penalty=0.01)
+    assert alone > 1 and abs(head.weight.item()) < 0.05
+
+
+def test_labelled_photos_train_too(trained, capsys):
+    """Screens that no scene simulates, all red, are told from others that are blue."""
+    for number in range(6):
+        for label, bands in (("real", (0, 0, 1)), ("screen", (1, 0, 0))):
+            path = trained / "own" / ("b" if number > 2 else "a") / label / f"{number}.png"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            noise = np.random.default_rng(number).integers(100, 256, (230, 300, 1))
+            Image.fromarray((noise * bands).astype(np.uint8)).save(path)
+    (trained / "own" / "a" / "real" / "torn.png").write_bytes(b"")
+    out = trained / "labelled"
+    own = [f"labelled={trained / 'own' / 'a'}", f"out={out}", f"images={trained / 'pictures'}"]
+    torch.manual_seed(0)
+    detect.main(["train", "weights=null", "n=4", f"scene={SCENE}", *own])
+    assert "left out: " in capsys.readouterr().out
+    assert json.loads((out / "metrics.json").read_text())["labelled"] == 6
+    detector = Detector.load(out / "detector.pt")
+    found = read_labelled(detector, trained / "own" / "b")
+    assert found.names == [f"{label}/{n}.png" for label in ("real", "screen") for n in (3, 4, 5)]
+    scores = pooled_score(*detector.heads.values(), found.crops, found.wholes)
+    assert scores[found.is_screen].min() > scores[~found.is_screen].max()
+
+
+@pytest.mark.parametrize("folder", ["own/a/real", "pictures"])
+def test_labelled_photos_of_one_kind_are_refused_before_the_training(folder, trained, monkeypatch):
+    monkeypatch.setattr(fit, "look_at", pytest.fail)
+    settings = [f"images={trained / 'pictures'}", f"out={trained / 'no'}", "weights=null", "n=4"]
+    with pytest.raises(SystemExit, match=r"of both kinds; .* 0 in screen lie"):
+        detect.main(["train", *settings, f"labelled={trained / folder}"])
 
 
 def test_ordinary_pictures_set_the_threshold(trained):

@@ -1,4 +1,4 @@
-"""Train a detector of screen photos on simulated ones alone.
+"""Train a detector of screen photos on simulated ones, and on labelled ones of your own.
 
     python training/detect.py train images=DIR weights=resnet18.pth
 
@@ -6,9 +6,11 @@
 show them are photographed in the scenes of "anywhere", as crops and as whole screens in rooms;
 negatives are the pictures and rooms, the same photos without moiré, and prints, all as JPEG.
 `weights` is a state_dict of the backbone, a ResNet of torchvision, or the name of published ones,
-such as DEFAULT; its stages stay as they are, and two linear heads on them are fitted. By the
-threshold, `false_alarms` of the photos in `ordinary` are called screens, or of a tenth of the
-pictures, which are left out of the training. Writes detector.pt and metrics.json into out=DIR."""
+such as DEFAULT; its stages stay as they are, and two linear heads on them are fitted. Photos in
+`labelled`, in folders whose names begin with "real" or "screen", weigh as much as all simulated
+ones. By the threshold, `false_alarms` of the photos in `ordinary` are called screens, or of a tenth
+of the pictures, which are left out of the training. Writes detector.pt and metrics.json into
+out=DIR."""
 
 import json
 import time
@@ -34,6 +36,7 @@ from training.config.plain_commands import parse, report_errors
 from training.config.settings import setting
 from training.demoireing.pictures import DrawnPictures, split_tenths
 from training.detection.examples import PHOTO_SIDE, Examples
+from training.detection.labelled import read_labelled
 from training.detection.measures import auc
 from training.detection.network import LOOKS, Detector, as_photo, fit_head, shrunk
 from training.system.files import make_folder
@@ -50,8 +53,11 @@ class Config:
     """All settings of the command."""
 
     images: str | None = setting(None, "folder of ordinary pictures; null: drawn")
+    labelled: str | None = setting(
+        None, "folder of photos in folders real and screen, which train, too"
+    )
     ordinary: str | None = setting(
-        None, "folder of photos without screens, for the threshold; null: a tenth of images"
+        None, "folder of other photos without screens, for the threshold; null: a tenth of images"
     )
     scene: str = setting("anywhere", "of the screens: preset, or YAML file")
     weights: str | None = setting(MISSING, "of the backbone: file, name, or null for random")
@@ -92,14 +98,19 @@ def train(cfg: Config) -> dict[str, Any]:
     rounds = Examples(pictures, scene, cfg.seed)
     out = Path(cfg.out)
     make_folder(out, "out=DIR")
+    labelled = read_labelled(detector, cfg.labelled) if cfg.labelled is not None else None
     seen = look_at(detector, rounds, cfg)
-    areas = {look: fit_look(detector.heads[look], seen[look], cfg) for look in LOOKS}
+    areas = {}
+    for look in LOOKS:
+        own = [labelled.part(look)] if labelled else []
+        areas[look] = fit_look(detector.heads[look], seen[look], own, cfg)
     scores = torch.tensor([score_of(detector, picture) for picture in tqdm(ordinary, disable=None)])
     detector.threshold.fill_(float(torch.quantile(scores, 1 - cfg.false_alarms)))
     kinds = Counter(f"{look}: {one.kind}" for look in LOOKS for one in seen[look])
     metrics: dict[str, Any] = {
         "settings": vars(cfg),
         "examples": dict(kinds),
+        "labelled": len(labelled.names) if labelled else 0,
         "auc": areas,
         "threshold": detector.threshold.item(),
         "seconds": time.perf_counter() - start,
@@ -131,12 +142,15 @@ def look_at(detector: Detector, rounds: Examples, cfg: Config) -> dict[str, list
     return seen
 
 
-def fit_look(head: nn.Module, seen: Sequence[SeenExample], cfg: Config) -> float:
-    """Fit the head of a look to most rounds; return its area under the ROC curve on the others."""
+def fit_look(
+    head: nn.Module, seen: Sequence[SeenExample], own: Sequence[tuple[Tensor, Tensor]], cfg: Config
+) -> float:
+    """Fit the head of a look to most rounds, and to features (N, F) of the user's own photos and
+    whether each is a screen (N,); return its area under the ROC curve on the other rounds."""
     features = torch.stack([one.features for one in seen])
     is_screen = torch.tensor([one.is_screen for one in seen])
     is_held_out = torch.tensor([one.number % HELD_OUT_DIVISOR == 0 for one in seen])
-    fit_head(head, features[~is_held_out], is_screen[~is_held_out].tolist(), cfg.penalty)
+    fit_head(head, [(features[~is_held_out], is_screen[~is_held_out]), *own], cfg.penalty)
     with torch.no_grad():
         logits = head(features[is_held_out])[:, 0].numpy()
     truth = is_screen[is_held_out].numpy()

@@ -81,14 +81,19 @@ class Detector(nn.Module):
         self.network.eval()
         return self
 
-    def forward(self, photos: Tensor) -> Tensor:
-        """Return scores (B,) of photos (B, 3, H, W) in [0, 1], of any size. Differentiable."""
+    def seen(self, photos: Tensor) -> dict[str, Tensor]:
+        """Return the features of photos (B, 3, H, W) in [0, 1], of any size: of their crops
+        (B, crops, F), and of the whole ones (B, F)."""
         photos = at_photo_size(check_images(photos))
         crops = crops_of(photos)
-        logits = self.heads["crop"](self.features(crops.flatten(0, 1))).view(crops.shape[:2])
+        of_crops = self.features(crops.flatten(0, 1)).unflatten(0, crops.shape[:2])
         whole = F.interpolate(photos, (WHOLE_SIDE, WHOLE_SIDE), mode="bilinear", antialias=True)
-        whole_logit = self.heads["whole"](self.features(whole))[:, 0]
-        return pooled_score(logits, whole_logit)
+        return {"crop": of_crops, "whole": self.features(whole)}
+
+    def forward(self, photos: Tensor) -> Tensor:
+        """Return scores (B,) of photos (B, 3, H, W) in [0, 1], of any size. Differentiable."""
+        seen = self.seen(photos)
+        return pooled_score(self.heads["crop"], self.heads["whole"], seen["crop"], seen["whole"])
 
     def save(self, path: Path) -> None:
         """Write the detector to a file, its network included."""
@@ -118,10 +123,13 @@ class Detector(nn.Module):
         return detector.eval()
 
 
-def pooled_score(crops: Tensor, whole: Tensor) -> Tensor:
-    """Return the scores (B,) of photos, of the logits of their crops (B, crops) and of the whole
-    ones (B,)."""
-    return crops.mean(1) + crops.amax(1) + whole
+def pooled_score(
+    crop_head: nn.Module, whole_head: nn.Module, crops: Tensor, wholes: Tensor
+) -> Tensor:
+    """Return the scores (B,) of photos, of the features of their crops (B, crops, F) and of the
+    whole ones (B, F)."""
+    logits = crop_head(crops)[..., 0]
+    return logits.mean(1) + logits.amax(1) + whole_head(wholes)[:, 0]
 
 
 def at_photo_size(photos: Tensor) -> Tensor:
@@ -159,18 +167,20 @@ def as_photo(picture: Image.Image) -> Tensor:
 
 
 @torch.enable_grad()
-def fit_head(head: nn.Module, features: Tensor, is_screen: Sequence[bool], penalty: float) -> None:
-    """Fit a head by logistic regression, screens and others weighing the same.
+def fit_head(head: nn.Module, parts: Sequence[tuple[Tensor, Tensor]], penalty: float) -> None:
+    """Fit a head by logistic regression. All parts weigh the same, and in each its screens and its
+    others.
 
     Args:
-        head: nn.Linear(F, 1). features: (N, F) of the examples. is_screen: N truths.
+        head: nn.Linear(F, 1). parts: of the examples: features (N, F), and whether each is a screen
+            (N,).
         penalty: of the squared weights of standardised features, per example.
     """
-    truth = torch.tensor(is_screen, dtype=torch.float64)
-    mean, std = features.double().mean(0), features.double().std(0) + 1e-6
-    rows = (features.double() - mean) / std
-    share = truth.mean()
-    weight = torch.where(truth > 0, 0.5 / share, 0.5 / (1 - share))
+    features = torch.cat([seen for seen, _ in parts]).double()
+    truth = torch.cat([is_screen for _, is_screen in parts]).double()
+    weight = torch.cat([_weights(is_screen) for _, is_screen in parts]) / len(parts)
+    mean, std = features.mean(0), features.std(0) + 1e-6
+    rows = (features - mean) / std
     slope = torch.zeros(rows.shape[1], dtype=torch.float64, requires_grad=True)
     bias = torch.zeros((), dtype=torch.float64, requires_grad=True)
     optimiser = torch.optim.LBFGS([slope, bias], max_iter=200, line_search_fn="strong_wolfe")
@@ -178,7 +188,7 @@ def fit_head(head: nn.Module, features: Tensor, is_screen: Sequence[bool], penal
     def loss() -> Tensor:
         optimiser.zero_grad()
         logits = rows @ slope + bias
-        total = F.binary_cross_entropy_with_logits(logits, truth, weight)
+        total = F.binary_cross_entropy_with_logits(logits, truth, weight, reduction="sum")
         total = total + penalty / 2 * slope.square().sum()
         total.backward()
         return total
@@ -187,3 +197,9 @@ def fit_head(head: nn.Module, features: Tensor, is_screen: Sequence[bool], penal
     weight = (slope / std).detach()
     state = {"weight": weight[None], "bias": (bias - weight @ mean).detach()[None]}
     head.load_state_dict(state)
+
+
+def _weights(is_screen: Tensor) -> Tensor:
+    """Return the weights (N,) of examples: 1 in all, half of it that of screens."""
+    share = is_screen.double().mean()
+    return torch.where(is_screen, 0.5 / share, 0.5 / (1 - share)) / len(is_screen)

@@ -12,7 +12,7 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,12 +26,12 @@ from moireaug.synthesis.pictures import Pictures
 from training.config.plain_commands import parse, report_errors
 from training.config.settings import setting
 from training.detection.fit import score_of
+from training.detection.labelled import collection_of, truth_of
 from training.detection.measures import MISTAKES, measures, roc_plot, sheet
 from training.detection.network import Detector
 from training.system.files import make_folder, require_outside
 
 EXAMPLE = "python training/detect.py score in=DIR detector=runs/detect/detector.pt"
-LABELS = {"real": False, "screen": True}
 
 
 @dataclass
@@ -41,21 +41,6 @@ class Config:
     in_: str = setting(MISSING, "folder of photos")
     detector: str = setting(MISSING, "file by training/detect.py train")
     out: str = setting("runs/scores", "folder of the results")
-
-
-def truth_of(name: str) -> bool | None:
-    """Return whether a photo lies in a folder of screens, or None in one of neither kind."""
-    for part in reversed(PurePosixPath(name.lower()).parts[:-1]):
-        for label, is_screen in LABELS.items():
-            if part.startswith(label):
-                return is_screen
-    return None
-
-
-def collection_of(name: str) -> str:
-    """Return the folder of the top that a photo lies in; "" where that is one of a label."""
-    parts = PurePosixPath(name).parts
-    return parts[0] if truth_of(f"{parts[0]}/photo") is None and len(parts) > 1 else ""
 
 
 def require_judgeable(names: Iterable[str]) -> None:

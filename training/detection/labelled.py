@@ -1,0 +1,86 @@
+"""Photos in folders that say whether they are of screens."""
+
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from tqdm import tqdm
+
+from moireaug.common.image_files import read_picture
+from moireaug.synthesis.pictures import Pictures
+from training.detection.network import Detector, as_photo
+
+LABELS = {"real": False, "screen": True}  # first letters of a folder's name
+
+
+def truth_of(name: str) -> bool | None:
+    """Return whether a photo lies in a folder of screens, or None in one of neither kind."""
+    for part in reversed(PurePosixPath(name.lower()).parts[:-1]):
+        for label, is_screen in LABELS.items():
+            if part.startswith(label):
+                return is_screen
+    return None
+
+
+def collection_of(name: str) -> str:
+    """Return the folder of the top that a photo lies in; "" where that is one of a label."""
+    parts = PurePosixPath(name).parts
+    return parts[0] if truth_of(f"{parts[0]}/photo") is None and len(parts) > 1 else ""
+
+
+class LabelledPhotos(NamedTuple):
+    """What a detector's heads see of N photos whose truth is known.
+
+    names: in their folder. crops: features (N, crops, F). wholes: (N, F). is_screen: (N,) bool.
+    """
+
+    names: list[str]
+    crops: Tensor
+    wholes: Tensor
+    is_screen: Tensor
+
+    def part(self, look: str) -> tuple[Tensor, Tensor]:
+        """Return features (M, F) of a look, and whether each is a screen (M,)."""
+        if look == "whole":
+            return self.wholes, self.is_screen
+        return self.crops.flatten(0, 1), self.is_screen.repeat_interleave(self.crops.shape[1])
+
+
+@torch.no_grad()
+def read_labelled(detector: Detector, folder: str | Path) -> LabelledPhotos:
+    """Read the photos of a folder that lie in folders of a label; those that cannot be read are
+    named and left out.
+
+    Raises:
+        ValueError: no such folder, or not both screens and others in it.
+    """
+    pictures = Pictures(folder, 1)
+    names, crops, wholes = [], [], []
+    labelled = [name for name in pictures.names if truth_of(name) is not None]
+    require_both_kinds(labelled, folder)
+    for name in tqdm(labelled, unit="photo", disable=None):
+        try:
+            seen = detector.seen(as_photo(read_picture(pictures.folder / name)))
+        except ValueError as error:
+            print(f"left out: {error}")
+            continue
+        names.append(name)
+        crops.append(seen["crop"])
+        wholes.append(seen["whole"])
+    require_both_kinds(names, folder)
+    is_screen = torch.tensor([bool(truth_of(name)) for name in names])
+    return LabelledPhotos(names, torch.cat(crops), torch.cat(wholes), is_screen)
+
+
+def require_both_kinds(names: Iterable[str], folder: str | Path) -> None:
+    """Refuse labelled photos of which none is a screen, or all are."""
+    kinds = Counter(truth_of(name) for name in names)
+    if len(kinds) < len(LABELS):
+        counts = " and ".join(f"{kinds[truth]} in {label}" for label, truth in LABELS.items())
+        raise ValueError(
+            f"labelled photos must be of both kinds; of the readable ones in {folder}, {counts} "
+            "lie in folders of these names: put photos of screens into screen, others into real."
+        )
