@@ -23,7 +23,7 @@ from training.detection import fit, score
 PAGE = Path(__file__).with_suffix(".md")
 INTRODUCTION = """# Settings
 
-Pass `key=value` after a command. Defaults are shown, ranges by its `--help`; `null` means unset.
+Pass `key=value` after a command. Defaults are below, ranges in its `--help`; `null` means unset.
 """
 COMMANDS = (
     ("Training classifiers", "training/fit.py", Config),
