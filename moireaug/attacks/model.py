@@ -64,11 +64,6 @@ class Normalized(nn.Module):
         self.register_buffer("mean", means.view(-1, 1, 1), persistent=False)
         self.register_buffer("std", stds.view(-1, 1, 1), persistent=False)
 
-    @property
-    def randomised(self) -> bool:
-        """Whether the model says that it draws random numbers."""
-        return bool(getattr(self.model, "randomised", False))
-
     def forward(self, images: Tensor) -> Tensor:
         return self.model((images - self.mean.to(images)) / self.std.to(images))
 

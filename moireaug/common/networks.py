@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import inspect
+import itertools
 import threading
 import weakref
 from collections.abc import Callable, Iterator, Sequence
@@ -195,6 +196,16 @@ def rejects_of(model: object) -> bool:
                     "True; or False, if it leaves that logit out."
                 )
     return False
+
+
+def is_randomised(part: object) -> bool:
+    """Return whether a model or defence draws random numbers, which it, or a network inside it,
+    says by an attribute `randomised`."""
+    randomised = getattr(part, "randomised", None)
+    if randomised is not None:
+        return bool(randomised)
+    modules = itertools.chain.from_iterable(network.modules() for network in networks_of(part))
+    return any(getattr(module, "randomised", False) for module in modules)
 
 
 def device_of(model: object) -> torch.device | None:

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from moireaug.common.argument_checks import check_callable, check_whole
 from moireaug.common.image_checks import check_images
-from moireaug.common.networks import rejects_of
+from moireaug.common.networks import is_randomised, rejects_of
 from moireaug.defenses.base import Defence, output_of
 
 IMAGES_PER_CALL = 32  # of draws that are classified together: a call of one image costs much more
@@ -45,7 +45,7 @@ class Compose(Defence):
         for defence in self.defences:
             check_callable("a defence", defence, "images", " Is it DEFENSES[name]()?")
         object.__setattr__(self, "defences", tuple(self.defences))
-        randomised = any(getattr(defence, "randomised", False) for defence in self.defences)
+        randomised = any(map(is_randomised, self.defences))
         object.__setattr__(self, "randomised", randomised)
 
     @property
@@ -115,7 +115,7 @@ class Defended(nn.Module):
     @property
     def randomised(self) -> bool:
         """Whether the defence or the model says that it draws random numbers."""
-        return self.defence.randomised or bool(getattr(self.model, "randomised", False))
+        return self.defence.randomised or is_randomised(self.model)
 
     def forward(self, images: Tensor) -> Tensor:
         """Return the logits (B, K) of images (B, 3, H, W) float in [0, 1]. Differentiable in

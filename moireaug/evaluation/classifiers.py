@@ -16,7 +16,7 @@ from torch.utils.checkpoint import checkpoint
 from moireaug.attacks import predicted
 from moireaug.attacks.checks import check_classes
 from moireaug.attacks.model import logits_without_gradient
-from moireaug.common.networks import rejects_of
+from moireaug.common.networks import is_randomised, rejects_of
 from moireaug.defenses import Defended, restore_mean
 from moireaug.evaluation.conditions import EvalBatch, ImageTransform, Model
 from moireaug.evaluation.identity import identity_of
@@ -38,7 +38,7 @@ class InParts(nn.Module):
         self.model = model
         self.size = size
         self.rejects = rejects_of(model)
-        self.randomised = getattr(model, "randomised", False)
+        self.randomised = is_randomised(model)
 
     def forward(self, images: Tensor) -> Tensor:
         outputs = []
@@ -169,6 +169,6 @@ UNDEFENDED = Classifier("model")
 def averaging_classifier(name: str, defence: ImageTransform) -> Classifier:
     """Return the attacked model behind a defence, by the mean of many draws where it is randomised:
     of single draws, a worst case over several conditions would pick the unlucky ones."""
-    if not getattr(defence, "randomised", False):
+    if not is_randomised(defence):
         return Classifier(name, defence)
     return Classifier(f"{name}_{DEFENCE_DRAWS}_draws", defence, draws=DEFENCE_DRAWS)

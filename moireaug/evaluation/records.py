@@ -135,11 +135,7 @@ class RecordFolder(Records):
 
     def read(self) -> None:
         """Read the records of all processes. A line that cannot be read, because a process is
-        writing it or a disk was full, is left out: its record is computed again.
-
-        Raises:
-            ValueError: records that do not say what an eps counts, of another version.
-        """
+        writing it or a disk was full, is left out: its record is computed again."""
         for path in sorted(self.folder.glob("records-*.jsonl")):
             records = []
             for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
@@ -147,12 +143,6 @@ class RecordFolder(Records):
                     record = json.loads(line)
                     if isinstance(record, dict) and record.keys() >= RECORD_FIELDS:
                         records.append(record)
-            if not all("bound" in record for record in records):
-                raise ValueError(
-                    f"{path} has records that do not say what their eps counts, codes or light: "
-                    "another version of this project wrote them. Delete or move that file, or "
-                    "choose another folder, and attack again."
-                )
             super().append(records)
 
     def append(self, records: Sequence[Record]) -> None:

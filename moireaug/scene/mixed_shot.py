@@ -10,7 +10,7 @@ from typing import Any, Generic, Self, TypeVar
 import torch
 from torch import Tensor
 
-from moireaug.scene.draws import Draws
+from moireaug.scene.draws import Draws, check_drawn
 from moireaug.scene.shot import ShotRecord, check_tensor
 
 S = TypeVar("S", bound=ShotRecord)
@@ -35,6 +35,9 @@ class MixedShot(Draws, Generic[S]):
     size: tuple[int, int]
     drawn: dict[str, Tensor]
     seed: Tensor
+
+    def __post_init__(self) -> None:
+        check_drawn({"scene_index": self.scene_index, **self.drawn}, self.seed)
 
     @staticmethod
     def from_shots(

@@ -128,6 +128,7 @@ class Pairs(IterableDataset):
         self.size, self.seed, self.n = int(size), int(seed), None if n is None else int(n)
         check_aligned(self.scene)
         self.pictures = Pictures(images, self.size)
+        self._rank, self._ranks = 0, 1
 
     def make_pair(self, k: int) -> Pair:
         """Return pair k >= 0. A pure function of k, the settings and the files.
@@ -141,8 +142,23 @@ class Pairs(IterableDataset):
         twin, frames = self.twin, self.frames
         return make_pair(int(k), source, scene, size, twin=twin, seed=seed, frames=frames)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Keep the rank: a spawned worker of a DataLoader does not know its own."""
+        rank, ranks = self._place()
+        return vars(self) | {"_rank": rank, "_ranks": ranks}
+
+    def _place(self) -> tuple[int, int]:
+        """Return the rank of this process, or of the one that it was sent by, and how many ranks
+        there are."""
+        if torch.distributed.is_available() and torch.distributed.is_initialized():
+            return torch.distributed.get_rank(), torch.distributed.get_world_size()
+        return self._rank, self._ranks
+
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        first, step = _process_share()
+        rank, ranks = self._place()
+        info = get_worker_info()
+        worker, workers = (0, 1) if info is None else (info.id, info.num_workers)
+        first, step = rank * workers + worker, ranks * workers
         numbers: Iterable[int] = itertools.count(first, step)
         if self.n is not None:
             numbers = range(first, self.n, step)
@@ -187,16 +203,6 @@ def photo_of_codes(original: Tensor, shot: Shot) -> Tensor:
     photos = capture((original[None].float() / 255).expand(len(shot), -1, -1, -1), shot)
     codes = (photos * 255).round().to(torch.uint8)
     return codes[0] if len(codes) == 1 else codes
-
-
-def _process_share() -> tuple[int, int]:
-    """Return the index of this process among all workers of all ranks, and their number."""
-    rank, ranks = 0, 1
-    if torch.distributed.is_available() and torch.distributed.is_initialized():
-        rank, ranks = torch.distributed.get_rank(), torch.distributed.get_world_size()
-    info = get_worker_info()
-    worker, workers = (0, 1) if info is None else (info.id, info.num_workers)
-    return rank * workers + worker, ranks * workers
 
 
 def check_aligned(scene: Scene | Mixture) -> None:

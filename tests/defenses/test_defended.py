@@ -7,9 +7,10 @@ import pytest
 import torch
 from torch import nn
 
-from moireaug import attacks
-from moireaug.defenses import JPEG, Compose, Defended, Gain, Median, PixelDeflection
+from moireaug import Scene, attacks
+from moireaug.defenses import JPEG, Compose, Defended, Gain, Median, PixelDeflection, Rejecting
 from moireaug.defenses.demoire import Demoire
+from moireaug.evaluation.classifiers import DEFENCE_DRAWS, averaging_classifier
 from tests.defenses.test_every_defence import ALL
 
 
@@ -22,6 +23,13 @@ class Mean(nn.Module):
 
     def forward(self, x):
         return self.drop(x.mean((2, 3)) * 10)
+
+
+class Noisy(Mean):
+    randomised = True
+
+    def forward(self, x):
+        return super().forward(x) + torch.randn(len(x), 3)
 
 
 def test_a_row_goes_in_order_and_takes_networks(photos):
@@ -77,12 +85,6 @@ def test_a_random_model_is_drawn_again_and_no_draws_of_nothing_are_taken(photos)
     """The mean of answers has as many times less variance as there are draws."""
     images = photos()[:1].repeat(2000, 1, 1, 1)
 
-    class Noisy(Mean):
-        randomised = True
-
-        def forward(self, x):
-            return super().forward(x) + torch.randn(len(x), 3)
-
     torch.manual_seed(0)
     spread = {}
     for draws in (1, 16):
@@ -92,6 +94,16 @@ def test_a_random_model_is_drawn_again_and_no_draws_of_nothing_are_taken(photos)
     assert spread[1] / spread[16] == pytest.approx(16, rel=0.2)
     with pytest.raises(ValueError, match=r"draws = 16.*randomised = True"):
         Defended(Mean(), Compose(()), draws=16)
+
+
+def test_a_model_is_random_where_a_network_inside_it_is(photos):
+    images = photos()[:, :, ::8, ::8]
+    shot = Scene().sample(len(images), (images.shape[-2], images.shape[-1]))
+    wrapped = attacks.Photographed(Noisy(), images, shot, noise_at="image")
+    rejecting = Rejecting(Noisy(), lambda x: x.mean((1, 2, 3)), 0.5)
+    for model in (wrapped, rejecting, nn.Sequential(Noisy()), lambda x: wrapped(x)):
+        assert Defended(model, Compose(()), draws=2)(images).shape[0] == len(images)
+        assert averaging_classifier("noisy", model).draws == DEFENCE_DRAWS
 
 
 def test_a_randomised_defence_is_drawn_again_and_few_images_together(photos):

@@ -201,6 +201,7 @@ def test_no_image_has_no_photo_with_noise_or_without():
 
 SHOT = MIXTURE.sample(4, SIZE, seeded())
 COARSE = as_scenes(["paper", {"panel": {"width": 1.0}}])  # too coarse for a large picture
+ZEROS = torch.zeros(3, dtype=torch.int64)
 STRANGE = dataclasses.replace(SHOT, scene_index=SHOT.scene_index + 2)
 BY_SCENE = "shot.by_scene()"
 OF_FOUR = "of the 4 images of the shot; got"
@@ -221,6 +222,8 @@ REFUSED = [
     (lambda: develop(torch.zeros(4, 4, 16, 20), SHOT), TypeError, BY_SCENE),
     (lambda: SHOT.to_photo(torch.zeros(3, 1, 2)), ValueError, "each of the 4 images"),
     (lambda: SHOT.to_photo_mask(torch.zeros(5, 1, 16, 20)), ValueError, "each of the 4"),
+    (lambda: SHOT[None], ValueError, "must be (B,) int64; got (1, 4)"),
+    (lambda: dataclasses.replace(SHOT, scene_index=ZEROS), ValueError, "(3,) as shot.scene_index"),
     (STRANGE.by_scene, ValueError, "numbers them from 0 to 2; got"),
     (lambda: COARSE.sample(0, (8192, 8192)), ValueError, "Panel.width must be at least"),
     (lambda: sample_one(COARSE, (8192, 8192)), ValueError, "Panel.width must be"),

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import pickle
 
 import numpy as np
 import pytest
@@ -196,6 +197,19 @@ def test_ranks_share_the_pairs_out(folder, monkeypatch):
         monkeypatch.setattr(torch.distributed, "get_rank", lambda rank=rank: rank)
         found += [item["index"] for item in Pairs(folder, "screen_photo", SIZE, n=8)]
     assert sorted(found) == list(range(8)) and found != sorted(found)
+
+
+def test_spawned_workers_of_ranks_share_the_pairs_out(folder, monkeypatch):
+    pairs, sent, found = Pairs(folder, "screen_photo", SIZE, n=3), [], []
+    for rank in range(2):
+        with monkeypatch.context() as patch:
+            patch.setattr(torch.distributed, "is_initialized", lambda: True)
+            patch.setattr(torch.distributed, "get_world_size", lambda: 2)
+            patch.setattr(torch.distributed, "get_rank", lambda rank=rank: rank)
+            sent.append(pickle.dumps(pairs))
+    for content in sent:  # where torch.distributed does not run
+        found += [item["index"] for item in pickle.loads(content)]
+    assert found == [0, 2, 1]
 
 
 def test_without_n_there_is_no_end(folder):

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from moireaug.common.argument_checks import check_callable, check_real
 from moireaug.common.image_checks import check_shape
-from moireaug.common.networks import first_weight
+from moireaug.common.networks import first_weight, is_randomised
 from moireaug.common.numeric import mirrored_indices
 from moireaug.defenses.base import Defence, output_of, straight_through
 
@@ -130,8 +130,7 @@ class Demoire(Defence):
 
     def __post_init__(self) -> None:
         check_callable("network", self.network, "images", " Is it demoire.load(FILE)?")
-        randomised = bool(getattr(self.network, "randomised", False))
-        object.__setattr__(self, "randomised", randomised)
+        object.__setattr__(self, "randomised", is_randomised(self.network))
 
     @property
     def networks(self) -> tuple[nn.Module, ...]:
