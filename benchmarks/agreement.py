@@ -2,21 +2,22 @@
 original: for real photos, and for simulated ones of the same pictures?
 
 A scene that shows a screen as real ones are keeps as many answers as the real photos do, whether
-the original is photographed at its own size or shrunk before.
+the original is photographed at its own size or shrunk before. Originals that are hardly changed say
+how steady the answers are.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
-from torchvision.transforms.v2.functional import resize
+from torchvision.transforms.v2.functional import gaussian_blur, resize
 
 from benchmarks import measure
 from moireaug import Scene, capture
@@ -47,6 +48,10 @@ class Kind(NamedTuple):
 
 REAL_PHOTOS = Kind("the real photos", "a screen")
 ORIGINALS = "the originals"  # shrunk, and not photographed
+SMALL_CHANGES: dict[str, Callable[[Tensor], Tensor]] = {  # of pictures (1, 3, S, S)
+    "moved by 2 px": lambda small: small.roll((2, 2), (-2, -1)),
+    "blurred by 0.7 px": lambda small: gaussian_blur(small, [5, 5], [0.7, 0.7]),
+}
 Answers = dict[tuple[str, Kind], list[bool]]  # whether each is kept, by classifier and kind
 
 
@@ -92,6 +97,9 @@ def answers_kept(
         pictures = {REAL_PHOTOS: photo[None] / 255}
         for side in sizes.shrunk:
             pictures[Kind(ORIGINALS, f"shrunk to {side} px")] = shrunk(original[None] / 255, side)
+        small = shrunk(original[None] / 255, sizes.judged)
+        for name, change in SMALL_CHANGES.items():
+            pictures[Kind(ORIGINALS, name)] = change(small)
         for name, scene in chosen.items():
             for shown, simulated in simulated_photos(scene, original, sizes.shrunk, index):
                 pictures[Kind(name, shown)] = simulated

@@ -11,6 +11,7 @@ from torch import nn
 from benchmarks.agreement import (
     ORIGINALS,
     REAL_PHOTOS,
+    SMALL_CHANGES,
     Kind,
     Sizes,
     agree,
@@ -57,7 +58,8 @@ def test_answers_are_those_for_the_simulated_photos():
     chosen = {"bright": SCREEN, "dark": DARK}
     found = answers_kept({"net": IsBright()}, shown((180, 180), (180, 180)), chosen, SIZES)
     assert found.pop(("net", REAL_PHOTOS)) == [True, True]
-    assert found.pop(("net", Kind(ORIGINALS, "shrunk to 32 px"))) == [True, True]
+    for changed in ("shrunk to 32 px", *SMALL_CHANGES):
+        assert found.pop(("net", Kind(ORIGINALS, changed))) == [True, True]
     assert found == {
         ("net", Kind(scene, shown)): [scene == "bright"] * 2 for scene in chosen for shown in FROM
     }
@@ -80,9 +82,18 @@ def test_the_correlation_is_picture_by_picture():
         pairs = shown(*zip(real, (180, 180, 60), strict=True))
         rows = agree({"net": IsBright()}, pairs, {"dark": DARK}, SIZES)
         assert rows[0]["scene"] == REAL_PHOTOS.scene and rows[0]["phi"] is None
-        assert rows[1]["scene"] == ORIGINALS and rows[1]["kept"] == 3 and rows[1]["phi"] is None
-        assert [(row["kept"], row["pictures"]) for row in rows[2:]] == [(1, 3)] * 3
-        assert [row["phi"] for row in rows[2:]] == [pytest.approx(phi)] * 3
+        for row in rows[1:4]:
+            assert row["scene"] == ORIGINALS and row["kept"] == 3 and row["phi"] is None
+        assert [(row["kept"], row["pictures"]) for row in rows[4:]] == [(1, 3)] * 3
+        assert [row["phi"] for row in rows[4:]] == [pytest.approx(phi)] * 3
+
+
+def test_small_changes_are_small_and_change_a_picture():
+    picture = torch.rand(1, 3, 48, 48, generator=torch.Generator().manual_seed(0))
+    moved, blurred = (change(picture) for change in SMALL_CHANGES.values())
+    assert torch.equal(moved[..., 2:, 2:], picture[..., :-2, :-2])
+    assert blurred.std() < 0.7 * picture.std()
+    assert (blurred.mean() - picture.mean()).abs() < 0.01
 
 
 def test_phi_is_that_of_a_table_of_four_counts():

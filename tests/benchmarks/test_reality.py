@@ -82,7 +82,8 @@ def test_the_benchmark_asks_classifiers(tmp_path, monkeypatch, capsys):
     rows = json.loads((tmp_path / "reality-agreement.json").read_text())["agreement"]
     shrunk = ["shrunk to 48 px", "shrunk to 32 px"]
     own = ["its own size", "its own size, no moiré"]
-    assert [row["shown"] for row in rows] == ["a screen", *shrunk, *own, *shrunk]
+    changed = ["moved by 2 px", "blurred by 0.7 px"]
+    assert [row["shown"] for row in rows] == ["a screen", *shrunk, *changed, *own, *shrunk]
     assert {row["classifier"] for row in rows} == {"squeezenet1_1"}
 
 
