@@ -131,11 +131,14 @@ def after_the_last_checkpoint(patch):
 
 
 @pytest.mark.parametrize(
-    ("accuracies", "stop_in", "kept"),
-    [(RECOVERY, before_the_last_checkpoint, 2), (LATE_COLLAPSE, after_the_last_checkpoint, 1)],
+    ("accuracies", "stop_in", "kept", "passes"),
+    [
+        (RECOVERY, before_the_last_checkpoint, 2, 1 + 0.625 * (1 + 1 + 3) / 3),
+        (LATE_COLLAPSE, after_the_last_checkpoint, 1, 1 + 0.625),
+    ],
 )
 def test_a_run_that_was_stopped_after_its_collapse_resumes_to_the_same(
-    accuracies, stop_in, kept, tmp_path, monkeypatch, capsys
+    accuracies, stop_in, kept, passes, tmp_path, monkeypatch, capsys
 ):
     validate_with(monkeypatch, accuracies)
     straight, stopped = (
@@ -149,6 +152,7 @@ def test_a_run_that_was_stopped_after_its_collapse_resumes_to_the_same(
     run, resumed_cost = train(stopped)
     for one in (cost, resumed_cost):
         assert (one.collapsed_at, one.best_epoch) == (3 - kept, kept)
+        assert one.passes == pytest.approx(passes)
     assert same(run.folder, whole.folder)
     assert capsys.readouterr().out.count("Catastrophic overfitting in epoch") == 2
 

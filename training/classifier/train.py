@@ -114,7 +114,7 @@ def cost_of(
     seconds = sum(epoch["seconds"] for epoch in classifier.history)
     return {
         "init": cfg.train.init,
-        "passes": passes(cfg.adversary, cfg.train.target),
+        "passes": mean_passes(cfg, classifier),
         "seconds": seconds,
         "epochs": epochs,
         "images_per_second": images * epochs / max(seconds, 1e-9),
@@ -123,6 +123,17 @@ def cost_of(
         "total_epochs": epochs + (start_cost.epochs if start_cost else 0),
         "total_seconds": seconds + (start_cost.seconds if start_cost else 0.0),
     }
+
+
+def mean_passes(cfg: Config, classifier: Classifier) -> float:
+    """Return the passes per image, the mean over all epochs: after a collapse they are more."""
+    own = passes(cfg.adversary, cfg.train.target)
+    if classifier.collapsed_at is None:
+        return own
+    epochs = len(classifier.history)
+    harder_share = (epochs - 1 - classifier.collapsed_at) / epochs
+    harder = passes(classifier.adversary.cfg, cfg.train.target)
+    return (1 - harder_share) * own + harder_share * harder
 
 
 def blend_best(
