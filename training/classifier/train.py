@@ -8,6 +8,7 @@ from typing import Any
 
 import lightning as L
 
+from moireaug.common.weights import write_tensors
 from moireaug.scene.draws import mix_seeds
 from training.classifier.adversaries import passes, require_parts
 from training.classifier.guard import CollapseGuard, note_late_collapse
@@ -27,7 +28,7 @@ from training.runs.trained import read_trained
 from training.system import machine
 from training.system.messages import count_text
 from training.system.processes import is_first, print_once
-from training.trainer.make import AtomicCheckpointIO, make_trainer
+from training.trainer.make import make_trainer
 from training.trainer.train import train
 
 
@@ -162,7 +163,7 @@ def blend_best(
     if is_first():
         state = {"state_dict": classifier.state_dict()}
         blended = {**checkpoint, **blend._asdict(), **state}
-        AtomicCheckpointIO().save_checkpoint(blended, path)
+        write_tensors(path, blended)
     return blend
 
 
