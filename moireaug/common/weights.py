@@ -1,9 +1,10 @@
-"""Files of weights, read as data."""
+"""Files of weights, written whole and read as data."""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import io
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.common.extras import require
+from moireaug.common.files import write_bytes
 
 SAFETENSORS = ".safetensors"
 # keys of the state_dict in checkpoints; averaged weights last, where there are no others
@@ -19,6 +21,17 @@ STATE_DICT_KEYS = ["state_dict", "model_state_dict", "model"]
 STATE_DICT_KEYS += ["state_dict_ema", "ema_state_dict", "model_ema"]
 # prefixes of names by DataParallel, AveragedModel, a LightningModule and torch.compile
 WRAPPER_PREFIXES = ("module.", "model.", "_orig_mod.")
+
+
+def write_tensors(path: str | Path, content: Any) -> None:
+    """Write what `torch.save` takes, as `write_bytes` does.
+
+    Raises:
+        OSError: the disk is full or not writable; says how many MB are needed and free.
+    """
+    file = io.BytesIO()  # torch hides the cause when it writes to a full disk itself
+    torch.save(content, file)
+    write_bytes(Path(path), file.getbuffer())
 
 
 def read_state_dict(path: str | Path, subject: str, advice: str) -> dict[str, Tensor]:

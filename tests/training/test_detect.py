@@ -1,6 +1,7 @@
 """detect.py: simulated photos in, a detector out, and scores of photos that it has not seen."""
 
 import json
+import resource
 from types import SimpleNamespace
 
 import numpy as np
@@ -134,6 +135,18 @@ def test_a_detector_that_does_not_fit_gets_a_sentence(tmp_path):
     torch.save({"backbone": "resnet18", "state": {}}, tmp_path / "old.pt")
     with pytest.raises(ValueError, match=r"old.pt' holds no detector of this version"):
         Detector.load(tmp_path / "old.pt")
+
+
+def test_a_full_disk_leaves_the_earlier_detector_and_says_so(tmp_path):
+    (tmp_path / "detector.pt").write_text("earlier")
+    _, hard = limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, hard))
+    try:
+        with pytest.raises(OSError, match=r"detector\.pt could not be written"):
+            Detector("resnet18").save(tmp_path / "detector.pt")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["earlier"]
 
 
 def test_ordinary_photos_are_read_one_by_one_as_small_as_they_are_scored(tmp_path):

@@ -1,13 +1,15 @@
 """Catastrophic overfitting: what counts as a collapse, and what becomes of a model that has
 collapsed."""
 
+from pathlib import Path
+
 import lightning as L
 import pytest
 import torch
 from lightning.pytorch.callbacks import EMAWeightAveraging, ModelCheckpoint
 from torch import nn
 
-from tests.training.small import TINY, configured
+from tests.training.small import TINY, configured, same, train
 from training.classifier import guard
 from training.classifier.module import Classifier, has_fallen
 from training.classifier.train import classifier_of
@@ -15,6 +17,8 @@ from training.config.schema import Config
 from training.data.batches import Batches
 from training.data.load import load
 from training.models.classifiers import as_model
+from training.runs.run import Run
+from training.trainer.make import AtomicCheckpointIO, EpochLines
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -39,21 +43,29 @@ class Steps(L.Callback):
 STEADY = [(0.5, 0.3), (0.5, 0.3), (0.5, 0.3)]  # accuracy on clean and attacked images, by epoch
 # better in the mean of both
 COLLAPSE = [(0.5, 0.3), (0.9, 0.1), (0.4, 0.3)]
+RECOVERY = [*COLLAPSE[:2], (0.6, 0.5)]
 MASKED = [(0.5, 0.3), (0.7, 0.9), (0.4, 0.3)]  # no attack makes images easier
 LATE_COLLAPSE = [(0.4, 0.3), (0.5, 0.3), (0.9, 0.1)]
 ONE_STEP = ["adversary.steps=1"]
 
 
-def trained(tmp_path, monkeypatch, accuracies, *overrides):
-    """Train for three epochs with these accuracies in validation."""
+GIVEN = ["recipe=moire_at", *TINY, *ONE_STEP, "data.train=16", "train.init=random"]
+
+
+def validate_with(monkeypatch, accuracies):
+    """Have validation find these accuracies, by epoch."""
 
     def validated(self, batch, index):
         for name, accuracy in zip(self.figures, accuracies[self.current_epoch], strict=True):
             self.figures[name].append(torch.tensor([accuracy]))
 
     monkeypatch.setattr(Classifier, "validation_step", validated)
-    given = ["recipe=moire_at", *TINY, *ONE_STEP, "data.train=16", "train.init=random"]
-    cfg = configured(*given, *overrides)
+
+
+def trained(tmp_path, monkeypatch, accuracies, *overrides):
+    """Train for three epochs with these accuracies in validation."""
+    validate_with(monkeypatch, accuracies)
+    cfg = configured(*GIVEN, *overrides)
     L.seed_everything(0, verbose=False)
     model, seen = classifier_of(cfg, 16), Steps()
     best = ModelCheckpoint(
@@ -94,6 +106,55 @@ def test_a_collapse_in_the_last_epoch_is_recorded_alone(tmp_path, monkeypatch, c
     model, seen, best = trained(tmp_path, monkeypatch, LATE_COLLAPSE)
     assert best["epoch"] == 1 and model.collapsed_at == 2 and seen.steps[2] == 1
     assert "It was the last epoch: epoch 2 is kept" in capsys.readouterr().out
+
+
+def before_the_last_checkpoint(patch):
+    """Stop when the third epoch's best.ckpt is written, and its last.ckpt is not."""
+    save = AtomicCheckpointIO.save_checkpoint
+
+    def stop(self, checkpoint, path, storage_options=None):
+        if checkpoint["epoch"] == 2 and Path(path).name == "last.ckpt":
+            raise KeyboardInterrupt
+        save(self, checkpoint, path)
+
+    patch.setattr(AtomicCheckpointIO, "save_checkpoint", stop)
+
+
+def after_the_last_checkpoint(patch):
+    """Stop when the third epoch is kept, and the cost of the training is not."""
+
+    def stop(self, trainer, module):
+        if trainer.current_epoch == 2:
+            raise KeyboardInterrupt
+
+    patch.setattr(EpochLines, "on_train_epoch_end", stop)
+
+
+@pytest.mark.parametrize(
+    ("accuracies", "stop_in", "kept", "passes"),
+    [
+        (RECOVERY, before_the_last_checkpoint, 2, 1 + 0.625 * (1 + 1 + 3) / 3),
+        (LATE_COLLAPSE, after_the_last_checkpoint, 1, 1 + 0.625),
+    ],
+)
+def test_a_run_that_was_stopped_after_its_collapse_resumes_to_the_same(
+    accuracies, stop_in, kept, passes, tmp_path, monkeypatch, capsys
+):
+    validate_with(monkeypatch, accuracies)
+    straight, stopped = (
+        configured(*GIVEN, "train.epochs=3", f"runs={tmp_path / name}") for name in "ab"
+    )
+    whole, cost = train(straight)
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        stop_in(patch)
+        train(stopped)
+    assert Run(stopped).stage() == "begun"
+    run, resumed_cost = train(stopped)
+    for one in (cost, resumed_cost):
+        assert (one.collapsed_at, one.best_epoch) == (3 - kept, kept)
+        assert one.passes == pytest.approx(passes)
+    assert same(run.folder, whole.folder)
+    assert capsys.readouterr().out.count("Catastrophic overfitting in epoch") == 2
 
 
 def test_multi_step_training_is_left_alone(tmp_path, monkeypatch):

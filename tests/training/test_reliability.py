@@ -196,6 +196,19 @@ def test_what_is_not_gone_on_with_is_moved_aside(tmp_path, capsys, straight):
     assert not list(folder.iterdir()) and len(list(folder.parent.glob("seed0-*"))) == 4
 
 
+def test_the_cost_of_deleted_weights_makes_no_other_training_look_complete(tmp_path, straight):
+    """Checkpoints may be deleted for their space."""
+    run = Run(three_epochs(tmp_path))
+    folder = shutil.copytree(straight[0], run.folder)
+    checkpoints = [folder / name for name in ("best.ckpt", "last.ckpt")]
+    for path in checkpoints:
+        path.unlink()
+    run.prepare()
+    for path in checkpoints:  # of a first epoch
+        shutil.copy(straight[0] / path.name, path)
+    assert run.stage() == "begun"
+
+
 def test_resume_true_requires_something_to_resume(tmp_path, straight):
     shutil.copytree(straight[0], tmp_path / "moire_at/seed0")
     resume.require_resumable(Run(three_epochs(tmp_path, "resume=true")))

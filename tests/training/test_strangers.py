@@ -39,6 +39,7 @@ HOSTILE = [
     (replaced("scene: screen_photo", "scene: {a: &a [x, x], b: *a}"), "a YAML alias"),
     (replaced("clean", "!!python/object/apply:os.system [id]"), "could not be read as YAML"),
     (replaced("recipe: clean", "recipe: ../../elsewhere"), "recipe must be a name"),
+    (replaced("recipe: clean", "recipe: .."), "recipe must be a name"),
     (replaced("recipe: clean", "recipe: ???"), "recipe is missing"),
     (replaced("model: attention_convnet", "model: os"), "model must be one of"),
     (replaced("scene: screen_photo", "scene: ../elsewhere"), "a preset must be one of"),

@@ -23,15 +23,21 @@ class CollapseGuard(L.Callback):
     def __init__(self, best: Path) -> None:
         self.best = best
 
-    def on_train_epoch_start(  # type: ignore[override]
+    def on_train_epoch_end(  # type: ignore[override]
         self, trainer: L.Trainer, module: Classifier
     ) -> None:
-        if not module.collapses(module.history):
+        # Before last.ckpt is written, which so holds what is restored: a run that is killed between
+        # its two checkpoints resumes with a best.ckpt of a later epoch.
+        is_last = trainer.current_epoch + 1 == trainer.max_epochs
+        if is_last or not module.collapses(module.history):
             return
-        best = read_checkpoint(self.best)
-        restore(trainer, module, best)
-        module.harden(int(module.history[-1]["epoch"]))
-        epoch, steps = best["epoch"] + 1, module.adversary.cfg.steps
+        epoch = 1
+        if len(module.history) > 1:  # else there is no other epoch
+            best = read_checkpoint(self.best)
+            restore(trainer, module, best)
+            epoch = best["epoch"] + 1
+        module.harden(trainer.current_epoch)
+        steps = module.adversary.cfg.steps
         _report(module, f"Back to epoch {epoch}, and training continues with {steps} steps.")
 
 

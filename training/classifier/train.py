@@ -8,6 +8,7 @@ from typing import Any
 
 import lightning as L
 
+from moireaug.common.weights import write_tensors
 from moireaug.scene.draws import mix_seeds
 from training.classifier.adversaries import passes, require_parts
 from training.classifier.guard import CollapseGuard, note_late_collapse
@@ -27,7 +28,7 @@ from training.runs.trained import read_trained
 from training.system import machine
 from training.system.messages import count_text
 from training.system.processes import is_first, print_once
-from training.trainer.make import AtomicCheckpointIO, make_trainer
+from training.trainer.make import make_trainer
 from training.trainer.train import train
 
 
@@ -114,7 +115,7 @@ def cost_of(
     seconds = sum(epoch["seconds"] for epoch in classifier.history)
     return {
         "init": cfg.train.init,
-        "passes": passes(cfg.adversary, cfg.train.target),
+        "passes": mean_passes(cfg, classifier),
         "seconds": seconds,
         "epochs": epochs,
         "images_per_second": images * epochs / max(seconds, 1e-9),
@@ -123,6 +124,17 @@ def cost_of(
         "total_epochs": epochs + (start_cost.epochs if start_cost else 0),
         "total_seconds": seconds + (start_cost.seconds if start_cost else 0.0),
     }
+
+
+def mean_passes(cfg: Config, classifier: Classifier) -> float:
+    """Return the passes per image, the mean over all epochs: after a collapse they are more."""
+    own = passes(cfg.adversary, cfg.train.target)
+    if classifier.collapsed_at is None:
+        return own
+    epochs = len(classifier.history)
+    harder_share = (epochs - 1 - classifier.collapsed_at) / epochs
+    harder = passes(classifier.adversary.cfg, cfg.train.target)
+    return (1 - harder_share) * own + harder_share * harder
 
 
 def blend_best(
@@ -151,7 +163,7 @@ def blend_best(
     if is_first():
         state = {"state_dict": classifier.state_dict()}
         blended = {**checkpoint, **blend._asdict(), **state}
-        AtomicCheckpointIO().save_checkpoint(blended, path)
+        write_tensors(path, blended)
     return blend
 
 

@@ -14,7 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 from training.config.command_line import HELP_WRAPPING, PRINTING_FLAGS, reason_of
 from training.config.schema import RECIPES, Config
 
-RECIPE_NAME = re.compile(r"[\w.-]+")  # which is also a folder's
+RECIPE_NAME = re.compile(r"\w[\w.-]*")  # which is also a folder's
 
 
 def recipe_files() -> list[Path]:

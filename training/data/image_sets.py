@@ -162,7 +162,9 @@ class UprightFolder(ImageFolder):
             folder = Path(directory, name)
             names = [file for file in files_below(folder) if file.lower().endswith(SUFFIXES)]
             if not names:
-                raise FileNotFoundError(f"{folder} holds no pictures: add some, or remove it")
+                raise FileNotFoundError(
+                    f"{folder} holds no pictures ({', '.join(SUFFIXES)}): add some, or remove it"
+                )
             paths = [folder / file for file in names]
             paths.sort(key=lambda path: (str(path.parent), path.name))
             for place in {path.parent for path in paths}:

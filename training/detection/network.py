@@ -12,9 +12,8 @@ from PIL import Image
 from torch import Tensor, nn
 
 from moireaug.attacks import Normalized
-from moireaug.common.files import atomic_replacement
 from moireaug.common.image_checks import check_images
-from moireaug.common.weights import read_weights
+from moireaug.common.weights import read_weights, write_tensors
 from training.data.codes import codes_of
 from training.models.classifiers import as_model
 
@@ -96,10 +95,8 @@ class Detector(nn.Module):
         return pooled_score(self.heads["crop"], self.heads["whole"], seen["crop"], seen["whole"])
 
     def save(self, path: Path) -> None:
-        """Write the detector to a file, its network included."""
-        content = {"backbone": self.backbone, "state": self.state_dict()}
-        with atomic_replacement(path) as temporary:
-            torch.save(content, temporary)
+        """Write the detector to a file, its network included; errors as `write_tensors`."""
+        write_tensors(path, {"backbone": self.backbone, "state": self.state_dict()})
 
     @staticmethod
     def load(path: str | Path) -> Detector:

@@ -23,7 +23,7 @@ class TrainCost:
 
     Args:
         init: first weights: "random" or "clean", those of the recipe of that name.
-        passes: forward and backward passes per image.
+        passes: forward and backward passes per image, the mean over all epochs.
         seconds: time of all epochs.
         collapsed_at: epoch in which it collapsed, if any.
         wall_seconds: time with validation.

@@ -20,6 +20,7 @@ from training.runs.identity import (
 )
 from training.runs.layout import (
     BEST,
+    COST,
     LAST,
     METRICS,
     REPORT,
@@ -118,7 +119,7 @@ class Run(Generic[Settings]):
         path.mkdir(parents=True, exist_ok=True)
         stale_files = list(path.glob(".*.tmp"))
         if self.stage() in ("new", "begun"):
-            stale_files += [path / METRICS, path / REPORT]
+            stale_files += [path / COST, path / METRICS, path / REPORT]
         for stale in stale_files:
             stale.unlink(missing_ok=True)
 

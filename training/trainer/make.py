@@ -1,6 +1,5 @@
 """Lightning's trainer, with the settings and the checkpoints that all runs share."""
 
-import io
 import logging
 import signal
 import sys
@@ -11,13 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import lightning as L
-import torch
 from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch.callbacks import Checkpoint, ModelCheckpoint, TQDMProgressBar
 from lightning.pytorch.plugins.environments import SLURMEnvironment, TorchElasticEnvironment
 from lightning.pytorch.utilities import rank_zero_only
 
-from moireaug.common.files import write_bytes
+from moireaug.common.weights import write_tensors
 from training.config.schema import Trainer
 from training.runs.identity import Origin
 from training.runs.layout import BEST, LAST
@@ -135,10 +133,7 @@ class AtomicCheckpointIO(TorchCheckpointIO):
         Raises:
             OSError: the disk is full or not writable; the previous checkpoint stays whole.
         """
-        # torch hides the cause when it writes the file itself and the disk is full
-        buffer = io.BytesIO()
-        torch.save(checkpoint, buffer)
-        write_bytes(Path(path), buffer.getbuffer())
+        write_tensors(path, checkpoint)
 
 
 class RunCheckpoint(ModelCheckpoint):

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from moireaug.common.argument_checks import one_of
-from moireaug.common.files import write_bytes
-from moireaug.common.weights import float32_on_cpu, read_weights
+from moireaug.common.weights import float32_on_cpu, read_weights, write_tensors
 from moireaug.defenses.demoire.amnet import AMNet
 from moireaug.defenses.demoire.base import DemoireNet
 from moireaug.defenses.demoire.esdnet import ESDNet
@@ -95,9 +91,7 @@ def save(network: DemoireNet, path: str | Path) -> None:
             "any other module with torch.save(module.state_dict(), path)."
         )
     state = {key: value.detach().cpu() for key, value in network.state_dict().items()}
-    file = io.BytesIO()
-    torch.save({"network": network.name, "width": network.width, "state": state}, file)
-    write_bytes(Path(path), file.getvalue())
+    write_tensors(path, {"network": network.name, "width": network.width, "state": state})
 
 
 def _read(path: str | Path) -> dict[str, Any]:
