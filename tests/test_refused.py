@@ -134,6 +134,8 @@ MISTAKEN = [
     (lambda: SHOT["view.yaw"], "got 'view.yaw'. Its numbers are fields, such as shot.view.yaw."),
     (lambda: MIXED[True], "a shot is indexed like a batch, by whole numbers, a slice or a mask"),
     (lambda: Scene().sample_track(1, 2, (4, 4), hand=3), "hand must be a Hand"),
+    (lambda: SHOT.to("mps"), "need a device with float64, for the geometry; got mps. Move"),
+    (lambda: MIXED.to(torch.device("mps", 0)), "need a device with float64"),
 ]
 
 
