@@ -74,6 +74,7 @@ REFUSED = [
     ),
     (lambda: changed(size=[8, 8, 8]), "in whole numbers; got [8, 8, 8]"),
     (lambda: changed(size=[0, -1]), "at least 1 x 1 pixels"),
+    (lambda: dataclasses.replace(SHOT, size=(4, 4, 4)), "in whole numbers; got (4, 4, 4)"),
     (lambda: changed(seed=5), "seed must be a list of whole numbers; got 5"),
     (lambda: changed(seed=[1.5]), "seed must be a list of whole numbers; got [1.5]"),
     (lambda: changed(seed=[True]), "seed must be a list of whole numbers; got [True]"),
