@@ -53,8 +53,9 @@ def capture(
 
     Raises:
         TypeError, ValueError: an image that is not a float batch of three channels, or not a
-            picture in [0, 1]: normalised, 0 to 255, NaN, infinite; a shot or noise of another batch
-            or size, or with NaN or infinity; noise that is not a floating point tensor.
+            picture in [0, 1]: normalised, 0 to 255, NaN, infinite; a device without float64, "mps";
+            a shot or noise of another batch or size, or with NaN or infinity; noise that is not a
+            floating point tensor.
     """
     return photo_of(check_images(image), shot, noise).to(image.dtype)
 

@@ -74,6 +74,7 @@ REFUSED = [
     ),
     (lambda: changed(size=[8, 8, 8]), "in whole numbers; got [8, 8, 8]"),
     (lambda: changed(size=[0, -1]), "at least 1 x 1 pixels"),
+    (lambda: dataclasses.replace(SHOT, size=(4, 4, 4)), "in whole numbers; got (4, 4, 4)"),
     (lambda: changed(seed=5), "seed must be a list of whole numbers; got 5"),
     (lambda: changed(seed=[1.5]), "seed must be a list of whole numbers; got [1.5]"),
     (lambda: changed(seed=[True]), "seed must be a list of whole numbers; got [True]"),
@@ -134,6 +135,8 @@ MISTAKEN = [
     (lambda: SHOT["view.yaw"], "got 'view.yaw'. Its numbers are fields, such as shot.view.yaw."),
     (lambda: MIXED[True], "a shot is indexed like a batch, by whole numbers, a slice or a mask"),
     (lambda: Scene().sample_track(1, 2, (4, 4), hand=3), "hand must be a Hand"),
+    (lambda: SHOT.to("mps"), "need a device with float64, for the geometry; got mps. Move"),
+    (lambda: MIXED.to(torch.device("mps", 0)), "need a device with float64"),
 ]
 
 

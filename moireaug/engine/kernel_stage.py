@@ -25,7 +25,7 @@ from moireaug.engine.execution import Call
 from moireaug.scene.shot import ShotRecord
 from moireaug.scene.shot_geometry import HostGeometry
 
-# of any photo or reading, in [0, 1]; kernels and reference differ by 1e-4 at most
+# of any photo or reading, in [0, 1]; kernels and reference differ by 1e-4, of near panels by 3e-4
 MAX_RMS = 1e-3
 # of a gradient, as a share of the reference's length; they differ by 1e-3, and of white pictures,
 # where values lie on either side of a limit, by 1e-2 at most

@@ -19,6 +19,7 @@ from moireaug.scene.record import SceneRecord
 
 MAX_CACHED_SCENES = 64  # of which is kept what is derived from them
 ANGLES = ("view.yaw", "view.pitch", "view.roll")
+DEVICES_WITHOUT_FLOAT64 = ("mps",)  # by type; the geometry needs it
 
 
 class Draws(ABC):
@@ -38,9 +39,18 @@ class Draws(ABC):
         return self.seed.device
 
     def to(self, device: torch.device | str) -> Self:
-        """Return the same draws on another device."""
+        """Return the same draws on another device.
+
+        Raises:
+            TypeError: a device that has no float64, "mps".
+        """
         if torch.device(device) == self.device:
             return self
+        if torch.device(device).type in DEVICES_WITHOUT_FLOAT64:
+            raise TypeError(
+                f"photos need a device with float64, for the geometry; got {device}. Move the "
+                "images to the CPU, and the photos back."
+            )
         return self.map_rows(lambda t: t.to(device))
 
     def __getitem__(self, rows: Any) -> Self:

@@ -16,7 +16,7 @@ from moireaug.common.numeric import as_dtype
 from moireaug.scene.by_name import by_part, parts_with, values_of
 from moireaug.scene.develop import DEMOSAIC_REACH
 from moireaug.scene.drawn_parts import DrawnDevelop, DrawnLens, DrawnPanel, DrawnSensor, DrawnView
-from moireaug.scene.draws import Draws, check_drawn
+from moireaug.scene.draws import Draws, check_drawn, check_size
 from moireaug.scene.geometry import lattice
 from moireaug.scene.geometry.grids import mask_in_photo, points_in_photo
 from moireaug.scene.geometry.homography import about_corners
@@ -83,7 +83,7 @@ class ShotRecord(Draws, ShotGeometry[Tensor]):
     def __post_init__(self) -> None:
         """Check the drawn numbers, bring those of another dtype to float64, differentiably, and the
         size to a tuple."""
-        object.__setattr__(self, "size", tuple(self.size))
+        object.__setattr__(self, "size", check_size(self.size))
         if self.scene.is_crop and self.view.fit:  # which is not read: its screen goes on
             object.__setattr__(self, "view", self.view.drawn({"fit": False}))
         numbers = values_of(self)

@@ -24,7 +24,7 @@ BLUR_SAMPLES = 5  # along each axis of the photo, where the blur is taken
 # limits of views; the reference exposes what is beyond them
 MAX_NODES = 65  # of amplitudes, along each axis of the photo
 MAX_WEIGHT_NODES = 257  # of tap weights, along each axis
-MAX_WEIGHT_TABLES = 2**14  # nodes of tap weights in all: 55 MB at the default tolerance
+MAX_WEIGHT_TABLES = 2**14  # nodes of tap weights in all, of up to 20 KB each
 MAX_STEP = 1e4  # panel pixels from one pixel to the next: a crop may lie beyond the horizon
 PASSED_CYCLES_PER_BLUR = 0.8  # above this frequency a Gaussian blur passes less than 1e-5
 PIXEL, BLUR = range(2)  # of the Jacobians at a sample: of the pixels, and of what blurs them
