@@ -32,8 +32,8 @@ class Adversary:
 
     kind: str = setting(
         "none",
-        "noise on the raw image (moire_attack), on pixels (pgd), on pixels before the photo "
-        "(photographed_pgd), on the photo (pgd_on_photo), or none",
+        "noise on the raw image (moire_attack), on pixels (pgd), before (photographed_pgd) or on "
+        "the photo (pgd_on_photo), or none",
         choices=("none", *ATTACKS),
     )
     share: float = setting(0.0, "share of each batch that is attacked", bounds=(0, 1))
@@ -226,8 +226,8 @@ class ReattackConfig(Config):
     )
     demoire: str | None = setting(
         None,
-        "your defence, package.module:callable on images in [0, 1]; a function needs an attribute "
-        "identity, a text that changes with its code",
+        "your defence, package.module:callable on images in [0, 1]; functions need an attribute "
+        "identity, a text that changes with the code",
     )
     lpips: str | None = setting(
         None,

@@ -54,10 +54,10 @@ class Config:
 
     images: str | None = setting(None, "folder of ordinary pictures; null: drawn")
     labelled: str | None = setting(
-        None, "folder of photos in folders real and screen, which train, too"
+        None, "your photos, in folders real and screen, which train, too"
     )
     ordinary: str | None = setting(
-        None, "folder of other photos without screens, for the threshold; null: a tenth of images"
+        None, "other photos without screens, for the threshold; null: a tenth of images"
     )
     scene: str = setting("anywhere", "of the screens: preset, or YAML file")
     weights: str | None = setting(MISSING, "of the backbone: file, name, or null for random")
