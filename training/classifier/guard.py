@@ -6,7 +6,7 @@ from typing import Any
 import lightning as L
 from lightning.pytorch.callbacks import WeightAveraging
 
-from training.classifier.module import Classifier
+from training.classifier.module import Classifier, accuracy_unattacked
 from training.system.files import read_checkpoint
 from training.system.processes import print_once
 
@@ -16,7 +16,7 @@ class CollapseGuard(L.Callback):
 
     A model that learns against a few steps may learn to defeat these alone (catastrophic
     overfitting, Wong et al., 2020): within an epoch its accuracy under more steps falls to nothing,
-    or attacked images become easier than clean ones.
+    or attacked images become easier than others.
     The event is printed and kept in the run's history; the schedule of the learning rate continues.
     """
 
@@ -54,7 +54,7 @@ def _report(module: Classifier, consequence: str) -> None:
     last = module.history[-1]
     attacked = f"{last['perturbed']:.0%} of attacked images are right"
     if module.is_masked(last):
-        sign = f"{attacked}, and of clean ones only {last['clean']:.0%}"
+        sign = f"{attacked}, and of others only {accuracy_unattacked(last):.0%}"
     else:
         best = max(row["perturbed"] for row in module.history)
         sign = f"{attacked}, after {best:.0%}"

@@ -22,13 +22,13 @@ from training.classifier.adversaries import (
 )
 from training.classifier.original import Original, divergence
 from training.classifier.tuning import freeze_but_first, make_optimizer, tuning_of
-from training.config.schema import Adversary, Train
+from training.config.schema import PHOTO_ATTACKS, Adversary, Train
 from training.data.augmentation import augment
 from training.trainer.module import RecordedModule
 
 MIN_COLLAPSE_ACCURACY = 0.2  # of the best epoch: below it a model has nothing to lose yet
 COLLAPSE_FRACTION = 0.5  # share of the best accuracy that counts as a collapse
-MASKED_MARGIN = 0.05  # by which an attack that finds no way up leaves images easier than clean ones
+MASKED_MARGIN = 0.05  # by which an attack that finds no way up leaves images easier than others
 
 
 def has_fallen(perturbed: list[float]) -> bool:
@@ -43,13 +43,20 @@ def has_fallen(perturbed: list[float]) -> bool:
     return last < COLLAPSE_FRACTION * max(before)
 
 
+def accuracy_unattacked(means: Mapping[str, Any]) -> float:
+    """Return the accuracy of an epoch without an attack, on clean images or on photos: a model that
+    trains on photos alone may find these easier."""
+    return max(float(means["clean"]), float(means.get("photo", 0)))
+
+
 class Classifier(RecordedModule):
     """Trains a model on images that an adversary has photographed or attacked.
 
     Validation scores the mean of clean accuracy and accuracy under the recipe's own adversary, on
     draws that are the same in every epoch; an adversary of fewer than three steps is validated with
     three, so that a model that only defeats single steps (catastrophic overfitting) is noticed.
-    `guard.CollapseGuard` acts on it.
+    `guard.CollapseGuard` acts on it. Where attacked images are photos, accuracy on photos without
+    an attack is recorded, too.
 
     With `train.target=answers` the answers of the model as it is given take the place of labels:
     its logits of the images before they are photographed, in validation its answers.
@@ -72,7 +79,8 @@ class Classifier(RecordedModule):
         augment: str = "none",
         fine: bool = False,
     ) -> None:
-        super().__init__("clean", "perturbed")
+        photo = ("photo",) if adversary.kind in PHOTO_ATTACKS else ()
+        super().__init__("clean", "perturbed", *photo, hidden=photo)
         self.model, self.scene, self.seed = model, scene, seed
         self.train_cfg, self.adversary_cfg = train, adversary
         self.augment = augment
@@ -177,6 +185,10 @@ class Classifier(RecordedModule):
         if self.original:
             labels = self.original.answers(images)
         self.figures["clean"].append((predicted(self(images)) == labels).float())
+        if "photo" in self.figures:
+            with torch.random.fork_rng(devices=[]):  # leaves the attack's draws as they are
+                photos = self.validation_adversary.photograph(images)
+            self.figures["photo"].append((predicted(self(photos)) == labels).float())
         if self.adversary_cfg.kind != "none" or self.adversary_cfg.natural:
             try:
                 perturbed = self.validation_adversary(images, labels)
@@ -189,17 +201,17 @@ class Classifier(RecordedModule):
         super().on_validation_epoch_end()
 
     def score(self, means: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        mean = torch.stack(list(means.values())).mean()
+        mean = torch.stack([means[name] for name in means if name != "photo"]).mean()
         # a collapsed epoch is never the best
         collapsed = self.is_masked(means) or self.collapses([*self.history, means])
         return {"score": 0 * mean if collapsed else mean}
 
     def is_masked(self, means: Mapping[str, Any]) -> bool:
-        """Return whether attacked images are easier than clean ones: the model's gradients mislead
-        its adversary, and the noise shows the label (label leaking, Kurakin et al., 2017)."""
+        """Return whether attacked images are easier than others: the model's gradients mislead its
+        adversary, and the noise shows the label (label leaking, Kurakin et al., 2017)."""
         if self.adversary_cfg.kind == "none":
             return False
-        return float(means["perturbed"]) > float(means["clean"]) + MASKED_MARGIN
+        return float(means["perturbed"]) > accuracy_unattacked(means) + MASKED_MARGIN
 
     def collapses(self, history: Sequence[Mapping[str, Any]]) -> bool:
         """Return whether the last of these epochs ends in catastrophic overfitting."""

@@ -14,6 +14,7 @@ from training.config.data_sets import EPOCHS_HELP, MAX_SEED, Data
 from training.config.settings import require_declared, section, setting
 
 ATTACKS = ("moire_attack", "pgd", "photographed_pgd", "pgd_on_photo")  # of training
+PHOTO_ATTACKS = ("moire_attack", "photographed_pgd", "pgd_on_photo")  # that leave photos
 TARGETS = ("labels", "answers")
 RECIPES = Path(__file__).resolve().parents[2] / "recipes"
 # weights are float32 in all of them: the average, the attack and every re-attack need that
@@ -66,7 +67,7 @@ class Adversary:
     moire: bool = setting(
         True,
         "false: photos without moiré, as a control",
-        only_for=("moire_attack", "photographed_pgd", "pgd_on_photo", "natural"),
+        only_for=(*PHOTO_ATTACKS, "natural"),
     )
 
 
