@@ -164,6 +164,8 @@ def main() -> None:
     for number in OWN:
         for kind, others in (("", NONE), ("simulated photos and ", simulated)):
             for name in np.unique(group):
+                if min(np.bincount(truth[group == name], minlength=2)) <= number:
+                    continue  # nothing would be left to judge
                 found = with_own(photos, group == name, number, others)
                 label = f"{kind}{number} screens and {number} others of its own"
                 rows.append({"trained on": label, "collection": name} | found)
