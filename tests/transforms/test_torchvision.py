@@ -192,7 +192,7 @@ BOXES = tv_tensors.BoundingBoxes(torch.rand(2, 4), format="XYXY", canvas_size=(9
     ("sample", "error", "sentence"),
     [
         (torch.rand(9, 12), ValueError, r"\(C, H, W\).*got \(9, 12\)\. Give a grey image its"),
-        (torch.rand(3, 0, 8), ValueError, r"H, W >= 1; got \(1, 3, 0, 8\)"),
+        (torch.rand(3, 0, 8), ValueError, r"at least 1 x 1 pixels, .* got \(0, 8\)"),
         (torch.rand(2, 2, 3, 9, 12), ValueError, "tv_tensors.Video"),
         (IMAGE * torch.nan, ValueError, "finite"),
         ((IMAGE * 9).to(torch.int32), TypeError, "uint8 or floating point"),
