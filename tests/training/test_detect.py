@@ -92,6 +92,21 @@ def test_a_trained_detector_scores_a_folder(trained, capsys):
     assert [file.name for file in out.iterdir()] == ["scores.csv"]
 
 
+def test_the_sheet_of_mistakes_holds_no_photo_that_is_right(tmp_path):
+    scores = {"screen/found": 0.9, "screen/missed": 0.5, "real/alarm": 0.6, "real/passed": 0.1}
+    codes = {"screen/found": 10, "screen/missed": 20, "real/alarm": 30, "real/passed": 40}
+    for name, code in codes.items():
+        path = tmp_path / f"{name}.png"
+        path.parent.mkdir(exist_ok=True)
+        Image.new("RGB", (40, 30), (code, code, code)).save(path)
+    rows = [{"photo": f"{name}.png", "score": one} for name, one in scores.items()]
+    table = pd.DataFrame(rows)
+    table["truth"] = [truth_of(name) for name in table.photo]
+    score.judge(table, 0.5, tmp_path, tmp_path)  # a score at the threshold is no screen's
+    with Image.open(tmp_path / "mistakes.png") as sheet:
+        assert {code for _, (code, *_) in sheet.getcolors()} == {20, 30, 255}
+
+
 @pytest.mark.parametrize(
     ("files", "message"),
     [

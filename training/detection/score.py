@@ -118,8 +118,9 @@ def judge(table: pd.DataFrame, threshold: float, folder: Path, out: Path) -> Non
     write_text(out / "measures.json", json.dumps(found, indent=1))
     write_bytes(out / "roc.png", roc_plot(scores))
     is_screen = table.truth.astype(bool)
-    missed = table[is_screen].nsmallest(MISTAKES, "score").photo
-    alarms = table[~is_screen].nlargest(MISTAKES, "score").photo
+    is_flagged = table.score > threshold
+    missed = table[is_screen & ~is_flagged].nsmallest(MISTAKES, "score").photo
+    alarms = table[~is_screen & is_flagged].nlargest(MISTAKES, "score").photo
     pictures = [[read_picture(folder / name) for name in names] for names in (missed, alarms)]
     write_bytes(out / "mistakes.png", sheet(pictures))
     for name, row in found.items():
