@@ -1,0 +1,53 @@
+"""The heads of the detector of screen photos, and the measures that judge its scores."""
+
+import numpy as np
+import pytest
+import torch
+
+from training.detection.measures import auc, equal_error_rate, found_at, measures
+from training.detection.network import fit_head
+
+
+def test_measures_are_those_of_small_examples():
+    screens, others = np.array([3.0, 2.0, 1.0]), np.array([0.0, 1.5])
+    assert auc(screens, others) == pytest.approx(5 / 6)
+    assert auc(others, others) == 0.5
+    assert equal_error_rate(np.array([1.0, 2.0]), np.array([0.0, 0.5])) == 0
+    assert found_at(screens, np.arange(10) / 10, 0.1) == 3
+    found = measures(screens, others, 1.2)
+    assert found["apcer"] == pytest.approx(1 / 3) and found["bpcer"] == 0.5
+    low, high = found["auc_interval"]
+    assert low <= found["auc"] <= high
+
+
+def test_a_head_is_the_penalised_logistic_regression():
+    generator = torch.Generator().manual_seed(0)
+    x = torch.randn(60, 4, generator=generator) * torch.tensor([1.0, 5.0, 0.1, 1.0]) + 2
+    truth = x[:, 0] + 0.1 * x[:, 1] > 2.5
+    head = torch.nn.Linear(4, 1)
+    fit_head(head, [(x, truth)], penalty=0.1)
+    loss = torch.nn.functional.binary_cross_entropy_with_logits
+    share = truth.float().mean()
+    balance = torch.where(truth, 0.5 / share, 0.5 / (1 - share))
+    std = x.std(0)
+
+    def objective(weight, bias):
+        total = loss(x @ weight + bias, truth.float(), balance)
+        return total + 0.05 * (weight * std).square().sum()
+
+    weight = head.weight.detach()[0].requires_grad_()
+    bias = head.bias.detach()[0].requires_grad_()
+    objective(weight, bias).backward()
+    assert (weight.grad * std).abs().max() < 1e-3 and bias.grad.abs() < 1e-3
+
+
+def test_parts_of_examples_weigh_the_same():
+    """Few examples of a part that contradict many of another one tie with them."""
+    many, few = torch.randn(400, 1, generator=torch.Generator().manual_seed(0)), torch.ones(4, 1)
+    few[:2] = -1
+    head = torch.nn.Linear(1, 1)
+    fit_head(head, [(many, many[:, 0] > 0)], penalty=0.01)
+    alone = head.weight.item()
+    contradicting = few, few[:, 0] < 0
+    fit_head(head, [(many.sign(), many[:, 0] > 0), contradicting], penalty=0.01)
+    assert alone > 1 and abs(head.weight.item()) < 0.05
