@@ -1,4 +1,4 @@
-"""Train a detector of screen photos on simulated ones alone, or score photos with one.
+"""Train a detector of screen photos on simulated and labelled ones, or score photos with one.
 
     python training/detect.py train images=DIR weights=resnet18.pth
     python training/detect.py score in=DIR detector=runs/detect/detector.pt

@@ -1,1 +1,1 @@
-"""A detector of screen photos, trained on simulated ones alone: what `detect.py` does."""
+"""A detector of screen photos, trained on simulated and labelled ones: what `detect.py` does."""
