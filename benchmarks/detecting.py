@@ -14,7 +14,7 @@ mistakes.png.
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywher
 import numpy as np
 import pandas as pd
 import torch
+from PIL import Image
 from torch import Tensor, nn
 
 from benchmarks import measure
@@ -32,24 +33,25 @@ from moireaug.synthesis.pictures import Pictures
 from training.config import scenes
 from training.detection.examples import Examples, part_of, saved
 from training.detection.fit import Config, look_at, sources
-from training.detection.labelled import LabelledPhotos, collection_of, read_labelled
-from training.detection.measures import measures, roc_plot
-from training.detection.network import (
-    CROP_SIDE,
-    LOOKS,
-    Detector,
-    as_photo,
-    fit_head,
-    pooled_score,
+from training.detection.heads import LOOKS, Part, Parts, fit_head
+from training.detection.labelled import (
+    LabelledPhotos,
+    collection_of,
+    cross_validated,
+    heads_of,
+    read_labelled,
 )
+from training.detection.measures import measures, roc_plot, threshold_at
+from training.detection.network import CROP_SIDE, Detector, as_photo
 from training.detection.score import judge
 
 PENALTY = 0.5
 OWN = (5, 20)  # photos of each kind of a collection, as a user might label
 DRAWS = 3  # of these
-MEANS = ("auc", "eer", "found_at_10")
-Part = tuple[Tensor, Tensor]  # features (N, F), and whether each is a screen (N,)
-NONE: Mapping[str, list[Part]] = {look: [] for look in LOOKS}
+FALSE_ALARMS = 0.1
+MEANS = ("auc", "eer", "found_at_10", "apcer", "bpcer")
+Seen = dict[str, Tensor]  # features by look
+NONE: Parts = {look: [] for look in LOOKS}
 
 
 def fitted(*parts: Part) -> nn.Module:
@@ -59,33 +61,17 @@ def fitted(*parts: Part) -> nn.Module:
     return head
 
 
-@torch.no_grad()
-def scores_by(
-    photos: LabelledPhotos, chosen: Tensor, judged: Tensor, others: Mapping[str, list[Part]]
-) -> Tensor:
-    """Return the scores of photos by heads fitted on others of them, and by look on further parts.
-
-    Args:
-        chosen, judged: whether a photo trains, and whether it is scored (N,).
-    """
-    train, test = (
-        LabelledPhotos([], photos.crops[rows], photos.wholes[rows], photos.is_screen[rows])
-        for rows in (chosen, judged)
-    )
-    heads = (fitted(train.part(look), *others[look]) for look in LOOKS)
-    return pooled_score(*heads, test.crops, test.wholes)
-
-
 def of_others(photos: LabelledPhotos, group: np.ndarray) -> Tensor:
     """Return the scores of photos by heads fitted on all other collections."""
     scores = torch.zeros(len(group))
     for name in np.unique(group):
         left_out = torch.from_numpy(group == name)
-        scores[left_out] = scores_by(photos, ~left_out, left_out, NONE)
+        heads = heads_of(photos.subset(~left_out), NONE, PENALTY)
+        scores[left_out] = heads(photos.crops[left_out], photos.wholes[left_out])
     return scores
 
 
-def simulated_parts(detector: Detector, cfg: Config) -> dict[str, list[Part]]:
+def simulated_parts(detector: Detector, cfg: Config) -> Parts:
     """Return by look the part of examples that a detector is fitted to."""
     rounds = Examples(sources(cfg)[0], scenes.load(cfg.scene), cfg.seed)
     found = {}
@@ -95,22 +81,38 @@ def simulated_parts(detector: Detector, cfg: Config) -> dict[str, list[Part]]:
     return found
 
 
+@torch.no_grad()
 def with_own(
-    photos: LabelledPhotos, rows: np.ndarray, n: int, others: Mapping[str, list[Part]]
+    photos: LabelledPhotos, rows: np.ndarray, n: int, parts: Parts, ordinary: Seen
 ) -> dict[str, float]:
     """Return how well heads do on one collection after n screens and n others of it, and further
-    parts; the mean of some draws."""
+    parts; the mean of some draws.
+
+    Args:
+        ordinary: features of photos by look which set the threshold, besides those of n others.
+    """
     found = []
     for seed in range(DRAWS):
         order = np.random.default_rng(seed).permutation(np.flatnonzero(rows))
         is_screen = photos.is_screen.numpy()[order]
         chosen = torch.zeros(len(rows), dtype=torch.bool)
         chosen[[*order[is_screen][:n], *order[~is_screen][:n]]] = True
-        judged = torch.from_numpy(rows) & ~chosen
-        truth = photos.is_screen[judged]
-        scores = scores_by(photos, chosen, judged, others)
-        found.append(measures(scores[truth].numpy(), scores[~truth].numpy(), 0.0))
+        train, test = photos.subset(chosen), photos.subset(torch.from_numpy(rows) & ~chosen)
+        heads, left_out = heads_of(train, parts, PENALTY), cross_validated(train, parts, PENALTY)
+        assert left_out
+        alarms = [heads(ordinary["crop"], ordinary["whole"]).numpy(), left_out.others]
+        threshold = threshold_at(FALSE_ALARMS, alarms)
+        scores = heads(test.crops, test.wholes)
+        both = [scores[rows].numpy() for rows in (test.is_screen, ~test.is_screen)]
+        screens, of_others = both
+        found.append(measures(screens, of_others, threshold))
     return {key: float(np.mean([row[key] for row in found])) for key in MEANS}
+
+
+def features_by_look(detector: Detector, pictures: Iterable[Image.Image]) -> Seen:
+    """Return what the heads see of pictures, by look."""
+    seen = [detector.seen(as_photo(picture)) for picture in pictures]
+    return {look: torch.cat([one[look] for one in seen]) for look in LOOKS}
 
 
 def sinusoid_head(detector: Detector, folder: str, n: int) -> nn.Module:
@@ -139,13 +141,12 @@ def main() -> None:
     detector = Detector.load(args.detector)
     photos = read_labelled(detector, args.photos)
     truth, group = photos.is_screen, np.array([collection_of(name) for name in photos.names])
-    crop_head, whole_head = detector.heads["crop"], detector.heads["whole"]
-    crops = crop_head(photos.crops)[..., 0]
+    crops = detector.heads.crop(photos.crops)[..., 0]
     sinusoids = sinusoid_head(detector, args.images, n)(photos.crops)[..., 0]
     scores = {
-        "the detector": pooled_score(crop_head, whole_head, photos.crops, photos.wholes),
+        "the detector": detector.heads(photos.crops, photos.wholes),
         "its crops alone": crops.mean(1) + crops.amax(1),
-        "its whole photos alone": whole_head(photos.wholes)[:, 0],
+        "its whole photos alone": detector.heads.whole(photos.wholes)[:, 0],
         "a sinusoid in each colour, crops alone": sinusoids.mean(1) + sinusoids.amax(1),
         "real photos of the others": of_others(photos, group),
     }
@@ -160,13 +161,15 @@ def main() -> None:
             else:  # whose threshold is nobody's
                 found = {key: value for key, value in found.items() if "pcer" not in key}
             rows.append({"trained on": kind, "collection": name} | found)
-    simulated = simulated_parts(detector, Config(images=args.images, weights=None, n=args.rounds))
+    cfg = Config(images=args.images, weights=None, n=args.rounds)
+    simulated = simulated_parts(detector, cfg)
+    ordinary = features_by_look(detector, sources(cfg)[1])
     for number in OWN:
         for kind, others in (("", NONE), ("simulated photos and ", simulated)):
             for name in np.unique(group):
                 if min(np.bincount(truth[group == name], minlength=2)) <= number:
                     continue  # nothing would be left to judge
-                found = with_own(photos, group == name, number, others)
+                found = with_own(photos, group == name, number, others, ordinary)
                 label = f"{kind}{number} screens and {number} others of its own"
                 rows.append({"trained on": label, "collection": name} | found)
     frame = pd.DataFrame(rows)
@@ -175,7 +178,7 @@ def main() -> None:
     )
     judge(table, detector.threshold.item(), Path(args.photos), args.detector.parent)
     print(frame.pivot(index="trained on", columns="collection", values="auc").round(2))
-    print(frame.groupby("trained on", sort=False)[["auc", "eer", "found_at_10"]].mean().round(3))
+    print(frame.groupby("trained on", sort=False)[list(MEANS)].mean().round(3))
     measure.publish(frame, measure.results(args) / "detecting.csv")
     write_bytes(measure.results(args) / "detecting.png", roc_plot(curves))
 

@@ -252,10 +252,11 @@ def test_a_collection_is_scored_by_heads_of_the_others():
     group = np.repeat(["one", "other"], 20)
     signs = torch.from_numpy(np.where(group == "one", 1.0, -1.0)).float() * (2.0 * truth - 1)
     crops = signs[:, None, None] + 0.1 * torch.randn(40, 5, 3, generator=generator)
-    photos = LabelledPhotos([], crops, crops.mean(1), truth)
+    photos = LabelledPhotos([""] * 40, crops, crops.mean(1), truth)
     scores = detecting.of_others(photos, group)
     for name in ("one", "other"):  # what tells them apart here says the opposite there
         rows = torch.from_numpy(group == name)
         assert scores[rows & truth].max() < scores[rows & ~truth].min()
-    found = detecting.with_own(photos, group == "one", 5, detecting.NONE)
+    ordinary = {"crop": -crops[:20][~truth[:20]], "whole": -crops[:20].mean(1)[~truth[:20]]}
+    found = detecting.with_own(photos, group == "one", 5, detecting.NONE, ordinary)
     assert found["auc"] == 1 and found["eer"] == 0

@@ -23,7 +23,6 @@ from training.detection.network import (
     WHOLE_SIDE,
     Detector,
     as_photo,
-    pooled_score,
 )
 
 SCENE = "phone_at_monitor"
@@ -227,12 +226,14 @@ def test_labelled_photos_train_too(trained, capsys):
     own = [f"labelled={trained / 'own' / 'a'}", f"out={out}", f"images={trained / 'pictures'}"]
     torch.manual_seed(0)
     detect.main(["train", "weights=null", "n=4", f"scene={SCENE}", *own])
-    assert "left out: " in capsys.readouterr().out
-    assert json.loads((out / "metrics.json").read_text())["labelled"] == 6
+    printed = capsys.readouterr().out
+    assert "left out: " in printed and "left out in turn: 3 screens, 3 others, AUC 1.00" in printed
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert metrics["labelled"] == 6 and metrics["cross_validated"]["auc"] == 1
     detector = Detector.load(out / "detector.pt")
     found = read_labelled(detector, trained / "own" / "b")
     assert found.names == [f"{label}/{n}.png" for label in ("real", "screen") for n in (3, 4, 5)]
-    scores = pooled_score(*detector.heads.values(), found.crops, found.wholes)
+    scores = detector.heads(found.crops, found.wholes)
     assert scores[found.is_screen].min() > scores[~found.is_screen].max()
 
 

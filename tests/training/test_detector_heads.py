@@ -4,8 +4,17 @@ import numpy as np
 import pytest
 import torch
 
-from training.detection.measures import auc, equal_error_rate, found_at, measures
-from training.detection.network import fit_head
+from training.detection.heads import LOOKS, fit_head
+from training.detection.labelled import LabelledPhotos, cross_validated, heads_of
+from training.detection.measures import (
+    auc,
+    equal_error_rate,
+    found_at,
+    measures,
+    threshold_at,
+)
+
+NONE = {look: [] for look in LOOKS}
 
 
 def test_measures_are_those_of_small_examples():
@@ -51,3 +60,43 @@ def test_parts_of_examples_weigh_the_same():
     contradicting = few, few[:, 0] < 0
     fit_head(head, [(many.sign(), many[:, 0] > 0), contradicting], penalty=0.01)
     assert alone > 1 and abs(head.weight.item()) < 0.05
+
+
+def test_each_source_sets_as_much_of_the_threshold():
+    rng = np.random.default_rng(0)
+    few, many = rng.normal(2, 1, 40), rng.normal(0, 1, 2000)
+    assert threshold_at(0.1, [few]) == pytest.approx(np.quantile(few, 0.9))
+    threshold = threshold_at(0.1, [few, many])
+    assert np.mean([(part > threshold).mean() for part in (few, many)]) == pytest.approx(
+        0.1, abs=0.02
+    )
+    assert threshold_at(0.0, [few, many]) == max(few.max(), many.max())
+
+
+def photos_of(seed, count):
+    """Labelled photos of random features, each beside another one of the same scene."""
+    crops = torch.randn(count // 2, 5, 64, generator=torch.Generator().manual_seed(seed))
+    crops = crops.repeat_interleave(2, 0)
+    is_screen = torch.arange(count) >= count // 2
+    names = [str(number) for number in range(count)]
+    return LabelledPhotos(names, crops, crops.mean(1), is_screen)
+
+
+def test_photos_are_left_out_with_their_neighbours():
+    """Heads know by heart what trains them, and nothing of what does not."""
+    found, known = [], []
+    for seed in range(8):
+        photos = photos_of(seed, 20)
+        heads = heads_of(photos, NONE, 0.5)
+        scores = heads(photos.crops, photos.wholes).detach().numpy()
+        truth = photos.is_screen.numpy()
+        known.append(auc(scores[truth], scores[~truth]))
+        found.append(auc(*cross_validated(photos, NONE, 0.5)))
+    assert min(known) > 0.99 and 0.3 < np.mean(found) < 0.65
+
+
+def test_one_photo_of_a_kind_cannot_be_left_out():
+    photos = photos_of(0, 20)
+    chosen = torch.arange(20) < 11
+    assert cross_validated(photos.subset(chosen), NONE, 0.5) is None
+    assert cross_validated(photos.subset(torch.arange(20) < 12), NONE, 0.5).screens.shape == (2,)

@@ -1,19 +1,24 @@
 """Photos in folders that say whether they are of screens."""
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 from tqdm import tqdm
 
 from moireaug.common.image_files import read_picture
 from moireaug.synthesis.pictures import Pictures
+from training.detection.heads import LOOKS, Heads, Part, Parts
 from training.detection.network import Detector, as_photo
 
 LABELS = {"real": False, "screen": True}  # first letters of a folder's name
+MAX_FOLDS = 5
 
 
 def truth_of(name: str) -> bool | None:
@@ -42,7 +47,14 @@ class LabelledPhotos(NamedTuple):
     wholes: Tensor
     is_screen: Tensor
 
-    def part(self, look: str) -> tuple[Tensor, Tensor]:
+    def subset(self, chosen: Tensor) -> LabelledPhotos:
+        """Return some of the photos, by (N,) bool."""
+        names = [name for name, is_chosen in zip(self.names, chosen, strict=True) if is_chosen]
+        return LabelledPhotos(
+            names, self.crops[chosen], self.wholes[chosen], self.is_screen[chosen]
+        )
+
+    def part(self, look: str) -> Part:
         """Return features (M, F) of a look, and whether each is a screen (M,)."""
         if look == "whole":
             return self.wholes, self.is_screen
@@ -84,3 +96,41 @@ def require_both_kinds(names: Iterable[str], folder: str | Path) -> None:
             f"labelled photos must be of both kinds; of the readable ones in {folder}, {counts} "
             "lie in folders of these names: put photos of screens into screen, others into real."
         )
+
+
+def heads_of(photos: LabelledPhotos, parts: Parts, penalty: float) -> Heads:
+    """Return heads that are fitted to photos and to further parts."""
+    heads = Heads(photos.wholes.shape[1])
+    heads.fit({look: [*parts[look], photos.part(look)] for look in LOOKS}, penalty)
+    return heads
+
+
+class Scores(NamedTuple):
+    """Scores of photos of screens, and of others."""
+
+    screens: np.ndarray
+    others: np.ndarray
+
+
+@torch.no_grad()
+def cross_validated(photos: LabelledPhotos, parts: Parts, penalty: float) -> Scores | None:
+    """Return the scores of photos, a fifth of them at a time by heads that are fitted to the others
+    and to further parts; None where one of a kind is all there is.
+
+    Neighbours in the folder, which may be of one scene, are left out together."""
+    counts = [int(rows.sum()) for rows in (photos.is_screen, ~photos.is_screen)]
+    folds = min(MAX_FOLDS, *counts)
+    if folds < 2:
+        return None
+    fold = torch.empty(len(photos.names), dtype=torch.long)
+    for count, rows in zip(counts, (photos.is_screen, ~photos.is_screen), strict=True):
+        fold[rows] = torch.arange(count) * folds // count
+    scores = torch.empty(len(photos.names))
+    for number in range(folds):
+        is_left_out = fold == number
+        heads, test = (
+            heads_of(photos.subset(~is_left_out), parts, penalty),
+            photos.subset(is_left_out),
+        )
+        scores[is_left_out] = heads(test.crops, test.wholes)
+    return Scores(scores[photos.is_screen].numpy(), scores[~photos.is_screen].numpy())

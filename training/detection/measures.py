@@ -37,6 +37,20 @@ def found_at(screens: np.ndarray, others: np.ndarray, false_alarms: float) -> in
     return int((screens > np.quantile(others, 1 - false_alarms, method="higher")).sum())
 
 
+def threshold_at(false_alarms: float, others: Sequence[np.ndarray]) -> float:
+    """Return the threshold that a share of photos without screens exceeds.
+
+    Args:
+        others: scores of such photos by source, which weigh the same.
+    """
+    scores = np.concatenate(others)
+    weights = np.concatenate([np.full(len(part), 1 / len(part)) for part in others])
+    order = np.argsort(scores)
+    below = np.cumsum(weights[order]) - weights[order]
+    shares = below / (below[-1] or 1.0)  # one score alone is every threshold
+    return float(np.interp(1 - false_alarms, shares, scores[order]))
+
+
 def measures(screens: np.ndarray, others: np.ndarray, threshold: float) -> dict[str, Any]:
     """Return a collection's figures: APCER is the share of screens (attacks) that pass, BPCER that
     of other (bona fide) photos that do not, both at the detector's threshold."""
@@ -60,6 +74,17 @@ def measures(screens: np.ndarray, others: np.ndarray, threshold: float) -> dict[
         "bpcer": refused / len(others),
         "bpcer_interval": wilson(refused, len(others)),
     }
+
+
+def line_of(name: str, row: dict[str, Any]) -> str:
+    """Return a collection's figures as a line."""
+    parts = [f"{name}: {row['screens']} screens, {row['others']} others, AUC {row['auc']:.2f}"]
+    parts[0] += " ({:.2f} to {:.2f})".format(*row["auc_interval"])
+    parts.append(f"EER {row['eer']:.2f}")
+    for key, label in (("found_at_10", "found at 10 %"), ("apcer", "APCER"), ("bpcer", "BPCER")):
+        low, high = row[f"{key}_interval"]
+        parts.append(f"{label} {row[key]:.2f} ({low:.2f} to {high:.2f})")
+    return ", ".join(parts)
 
 
 def roc_plot(scores: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> bytes:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from moireaug.attacks import Normalized
 from moireaug.common.image_checks import check_images
 from moireaug.common.weights import read_weights, write_tensors
 from training.data.codes import codes_of
+from training.detection.heads import Heads
 from training.models.classifiers import as_model
 
 PHOTO_SIDE = 1024  # longest side at which photos are looked at, pixels: as messengers send them
@@ -23,7 +23,6 @@ CROP_SIDE, WHOLE_SIDE = 224, 256  # of what the network sees, pixels
 PLACES = ((0.2, 0.25), (0.2, 0.75), (0.5, 0.5), (0.8, 0.25), (0.8, 0.75))
 # of torchvision's ResNets, in the order of their forward pass
 STEM, STAGES = ("conv1", "bn1", "relu", "maxpool"), ("layer1", "layer2", "layer3", "layer4")
-LOOKS = ("crop", "whole")
 FILE_ADVICE = "Pass a file that training/detect.py train wrote."
 
 
@@ -32,8 +31,7 @@ class Detector(nn.Module):
 
     A photo is looked at twice: in crops at its own pixels, for the panel's pattern, and whole and
     small, for what is around a screen. Each look has a linear head on the mean and the deviation
-    of every stage of the network; the score is the crops' mean and maximum and the whole photo's,
-    added up.
+    of every stage of the network.
 
     Args:
         backbone: name of a ResNet of torchvision. weights: of it, see `as_model`; None leaves it
@@ -59,7 +57,7 @@ class Detector(nn.Module):
         self.normalise = Normalized(nn.Identity())
         with torch.no_grad():
             width = self.features(torch.zeros(1, 3, CROP_SIDE, CROP_SIDE)).shape[1]
-        self.heads = nn.ModuleDict({look: nn.Linear(width, 1) for look in LOOKS})
+        self.heads = Heads(width)
         self.register_buffer("threshold", torch.zeros(()))
 
     def features(self, images: Tensor) -> Tensor:
@@ -92,7 +90,7 @@ class Detector(nn.Module):
     def forward(self, photos: Tensor) -> Tensor:
         """Return scores (B,) of photos (B, 3, H, W) in [0, 1], of any size. Differentiable."""
         seen = self.seen(photos)
-        return pooled_score(self.heads["crop"], self.heads["whole"], seen["crop"], seen["whole"])
+        return self.heads(seen["crop"], seen["whole"])
 
     def save(self, path: Path) -> None:
         """Write the detector to a file, its network included; errors as `write_tensors`."""
@@ -118,15 +116,6 @@ class Detector(nn.Module):
                 f"{FILE_ADVICE}"
             ) from error
         return detector.eval()
-
-
-def pooled_score(
-    crop_head: nn.Module, whole_head: nn.Module, crops: Tensor, wholes: Tensor
-) -> Tensor:
-    """Return the scores (B,) of photos, of the features of their crops (B, crops, F) and of the
-    whole ones (B, F)."""
-    logits = crop_head(crops)[..., 0]
-    return logits.mean(1) + logits.amax(1) + whole_head(wholes)[:, 0]
 
 
 def at_photo_size(photos: Tensor) -> Tensor:
@@ -161,42 +150,3 @@ def shrunk(picture: Image.Image) -> Image.Image:
 def as_photo(picture: Image.Image) -> Tensor:
     """Return a picture as a photo (1, 3, H, W) in [0, 1], at most `PHOTO_SIDE` long."""
     return codes_of(shrunk(picture))[None].float() / 255
-
-
-@torch.enable_grad()
-def fit_head(head: nn.Module, parts: Sequence[tuple[Tensor, Tensor]], penalty: float) -> None:
-    """Fit a head by logistic regression. All parts weigh the same, and in each its screens and its
-    others.
-
-    Args:
-        head: nn.Linear(F, 1). parts: of the examples: features (N, F), and whether each is a screen
-            (N,).
-        penalty: of the squared weights of standardised features, per example.
-    """
-    features = torch.cat([seen for seen, _ in parts]).double()
-    truth = torch.cat([is_screen for _, is_screen in parts]).double()
-    weight = torch.cat([_weights(is_screen) for _, is_screen in parts]) / len(parts)
-    mean, std = features.mean(0), features.std(0) + 1e-6
-    rows = (features - mean) / std
-    slope = torch.zeros(rows.shape[1], dtype=torch.float64, requires_grad=True)
-    bias = torch.zeros((), dtype=torch.float64, requires_grad=True)
-    optimiser = torch.optim.LBFGS([slope, bias], max_iter=200, line_search_fn="strong_wolfe")
-
-    def loss() -> Tensor:
-        optimiser.zero_grad()
-        logits = rows @ slope + bias
-        total = F.binary_cross_entropy_with_logits(logits, truth, weight, reduction="sum")
-        total = total + penalty / 2 * slope.square().sum()
-        total.backward()
-        return total
-
-    optimiser.step(loss)
-    weight = (slope / std).detach()
-    state = {"weight": weight[None], "bias": (bias - weight @ mean).detach()[None]}
-    head.load_state_dict(state)
-
-
-def _weights(is_screen: Tensor) -> Tensor:
-    """Return the weights (N,) of examples: 1 in all, half of it that of screens."""
-    share = is_screen.double().mean()
-    return torch.where(is_screen, 0.5 / share, 0.5 / (1 - share)) / len(is_screen)

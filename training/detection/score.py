@@ -27,7 +27,7 @@ from training.config.plain_commands import parse, report_errors
 from training.config.settings import setting
 from training.detection.fit import score_of
 from training.detection.labelled import collection_of, truth_of
-from training.detection.measures import MISTAKES, measures, roc_plot, sheet
+from training.detection.measures import MISTAKES, line_of, measures, roc_plot, sheet
 from training.detection.network import Detector
 from training.system.files import make_folder, require_outside
 
@@ -127,17 +127,6 @@ def judge(table: pd.DataFrame, threshold: float, folder: Path, out: Path) -> Non
         print(line_of(name, row))
     mean = np.mean([row["auc"] for row in found.values()])
     print(f"Mean AUC of {len(found)}: {mean:.3f}. Written: {out / 'measures.json'}")
-
-
-def line_of(name: str, row: dict[str, Any]) -> str:
-    """Return a collection's figures as a line."""
-    parts = [f"{name}: {row['screens']} screens, {row['others']} others, AUC {row['auc']:.2f}"]
-    parts[0] += " ({:.2f} to {:.2f})".format(*row["auc_interval"])
-    parts.append(f"EER {row['eer']:.2f}")
-    for key, label in (("found_at_10", "found at 10 %"), ("apcer", "APCER"), ("bpcer", "BPCER")):
-        low, high = row[f"{key}_interval"]
-        parts.append(f"{label} {row[key]:.2f} ({low:.2f} to {high:.2f})")
-    return ", ".join(parts)
 
 
 configure = partial(parse, schema=Config, example=EXAMPLE, description=__doc__)
