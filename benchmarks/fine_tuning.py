@@ -1,18 +1,20 @@
 """Does tuning on simulated photos help a classifier on real photos of screens?
 
-    python benchmarks/fine_tuning.py PAIRS.csv --images DIR --classifiers DIR
-    python benchmarks/fine_tuning.py PAIRS.csv --loose PAIRS2.csv --images DIR --classifiers DIR
+    python benchmarks/fine_tuning.py PAIRS.csv --classifiers DIR
+    python benchmarks/fine_tuning.py PAIRS.csv --loose PAIRS2.csv --classifiers DIR
 
-Each ImageNet classifier is tuned by the recipe moire_tune on a folder of pictures without labels:
-it learns to answer photographed pictures as it answered the pictures before. Controls take the
-photos' place: their twins without moiré (blur, tone and noise alone), blur with JPEG and changed
-colours, and sinusoids. No training sees a real photo.
+Each ImageNet classifier is tuned by the recipe moire_tune on crops of the originals of half of the
+pairs in PAIRS.csv (columns photo and original, aligned), without labels: it learns to answer
+photographed pictures as it answered the pictures before. The other half is judged, and then the
+halves change places. Controls take the photos' place: their twins without moiré (blur, tone and
+noise alone), blur with JPEG and changed colours, and sinusoids; the mark to reach are the real
+photos of the same originals.
 
-Prints on what share of the pairs in PAIRS.csv (columns photo and original, aligned) a network
-answers the original as before, and the real photo as the original: as its own answer to it, and as
-the one before; for whole pictures, and for the middle of each at native pixels. Pairs of --loose
-show one object without being aligned, and are judged whole. Each network is judged as trained, and
-averaged with the original as the recipe would. Writes results/fine_tuning.csv.
+Prints on what share of the pairs a network answers the original as before, and the real photo as
+the original: as its own answer to it, and as the one before, with the gain over no tuning; for all
+pairs, and for those of which the network is sure. Pairs of --loose show one object without being
+aligned. Each network is judged as trained, and averaged with the original as the recipe would.
+Writes results/fine_tuning.csv.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from __future__ import annotations
 import copy
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,46 +38,41 @@ from torchvision.transforms import v2
 from benchmarks import measure
 from benchmarks.agreement import CLASSES, read_classifiers, shrunk
 from benchmarks.other_libraries import overlay
-from moireaug.evaluation.statistics import wilson
+from benchmarks.tuned_answers import Pictures, halves, rows_of
 from training.classifier.adversaries import TrainingAdversary
 from training.classifier.original import keep_answers
 from training.classifier.train import classifier_of, train_model
 from training.config.compose import RECIPE_GROUPS, register
 from training.config.schema import Config, as_config
-from training.data.real_pairs import find_pairs, read_codes
+from training.data.real_pairs import ScreenPhoto, find_pairs, read_codes, read_pairs
 from training.data.splits import Splits
-from training.recipe.phases import load_data
 from training.runs.run import Run
 
 Photograph = Callable[[Tensor], Tensor]
+VALIDATION_DIVISOR = 8  # an eighth of the pairs that train is left for validation
+CROP_AREA = (0.5, 1.0)  # of a picture
 
 
 @dataclass(frozen=True)
 class Effort:
-    """Side of the pictures in pixels; training pictures of an epoch, and epochs."""
+    """Side of the pictures in pixels; crops of an epoch, and epochs."""
 
     side: int = 224
-    train: int = 3200
-    epochs: int = 5
+    train: int = 960
+    epochs: int = 2
 
 
 QUICK_SETTINGS = Effort(side=64, train=4, epochs=1)
 
 
 class Treatment(NamedTuple):
-    """What takes half of each batch: photos in a scene, with moiré or without, or images that a
-    function changes in their place."""
+    """What takes half of each batch: photos in a scene, with moiré or without, images that a
+    function changes in their place, or their real photos."""
 
     scene: str = "anywhere"
     moire: bool = True
     photograph: Photograph | None = None
-
-
-class Judged(NamedTuple):
-    """Originals and real photos, each (N, 3, S, S) uint8."""
-
-    originals: Tensor
-    photos: Tensor
+    is_real: bool = False
 
 
 class Rival(TrainingAdversary):
@@ -108,28 +105,28 @@ TREATMENTS: dict[str, Treatment] = {
     "screen_photo without moiré": Treatment("screen_photo", moire=False),
     "blur, colour and JPEG": Treatment(photograph=degrade),
     "a sinusoid in each colour": Treatment(photograph=overlay),
+    "real photos": Treatment(is_real=True),
 }
 
 
-def settings_of(treatment: Treatment, weights: Path, images: Path, effort: Effort) -> Config:
+def settings_of(treatment: Treatment, weights: Path, effort: Effort) -> Config:
     """Return the settings of the recipe for one network and treatment."""
     register("fine_tuning", Config, RECIPE_GROUPS, None)
     with initialize(version_base="1.3", config_path=None):
-        cfg = as_config(compose("fine_tuning", ["recipe=moire_tune", "data=folder"]))
-    data = replace(cfg.data, root=str(images), size=effort.side, train=effort.train)
+        cfg = as_config(compose("fine_tuning", ["recipe=moire_tune"]))
     return replace(
         cfg,
         model=weights.stem,
         weights=str(weights),
         scene=treatment.scene,
-        data=data,
+        data=replace(cfg.data, size=effort.side, train=effort.train, augment="none"),
         adversary=replace(cfg.adversary, moire=treatment.moire),
         train=replace(cfg.train, epochs=effort.epochs),
     )
 
 
-def tuned(cfg: Config, splits: Splits, photograph: Photograph | None) -> dict[float, nn.Module]:
-    """Return a network tuned by the recipe, by the share of its new weights: 1, and the share that
+def tuned(cfg: Config, splits: Splits, photograph: Photograph | None) -> dict[str, nn.Module]:
+    """Return a network tuned by the recipe, as trained, and averaged with the one before so that it
     keeps `train.kept` of its answers."""
     with tempfile.TemporaryDirectory() as folder:
         run = Run(replace(cfg, runs=folder, train=replace(cfg.train, kept=0.0)))
@@ -140,108 +137,102 @@ def tuned(cfg: Config, splits: Splits, photograph: Photograph | None) -> dict[fl
             classifier.adversary = classifier.validation_adversary = Rival(photograph)
         _, cost = train_model(run, splits, classifier=classifier)
         model = classifier.model.eval()
-        students = {1.0: copy.deepcopy(model)}
+        students = {"as trained": copy.deepcopy(model)}
         share = keep_answers(model, classifier.original, splits.val, cfg.train.kept).new_share
     print(f"{cfg.model}: {cost.wall_seconds:.0f} s, {share:.0%} new", file=sys.stderr, flush=True)
-    return students | {share: model}
+    return students | {"averaged": model}
 
 
-def read_pictures(table: Path, side: int, *, aligned: bool) -> Iterator[tuple[str, Judged]]:
-    """Read pairs whole, shrunk to squares, and aligned ones in crops, too."""
-    parts: dict[str, tuple[list[Tensor], list[Tensor]]] = {}
+def draw_crops(pairs: Sequence[ScreenPhoto], count: int, side: int) -> Pictures:
+    """Draw crops of pairs, each of the original and the photo at one place, half of them mirrored;
+    the draws are always the same."""
+    originals, photos = [], []
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(0)
+        for number in range(count):
+            pair = pairs[number % len(pairs)]
+            assert pair.original is not None
+            both = torch.stack([pair.original, pair.photo])
+            place = v2.RandomResizedCrop.get_params(both, list(CROP_AREA), [3 / 4, 4 / 3])
+            crops = v2.functional.resized_crop(both, *place, [side, side])
+            crops = crops.flip(-1) if torch.rand(()) < 0.5 else crops
+            originals.append(crops[0])
+            photos.append(crops[1])
+    return Pictures(torch.stack(originals), torch.stack(photos))
+
+
+def splits_of(crops: Pictures, validation: Pictures) -> Splits:
+    """Return the originals as data of no label."""
+    train, val = ([(image, 0) for image in part.originals] for part in (crops, validation))
+    return Splits(train, val, val, {}, CLASSES)  # type: ignore[arg-type]
+
+
+def real_photos(*parts: Pictures) -> Photograph:
+    """Return a function that takes images (B, 3, S, S) in [0, 1] for their real photos."""
+    photo_of = {}
+    for part in parts:
+        for original, photo in zip(part.originals, part.photos, strict=True):
+            photo_of[original.numpy().tobytes()] = photo
+
+    def photograph(images: Tensor) -> Tensor:
+        codes = (255 * images).round().byte()
+        return torch.stack([photo_of[one.numpy().tobytes()] for one in codes]) / 255
+
+    return photograph
+
+
+def read_whole(table: Path, side: int) -> Pictures:
+    """Read pairs whole, shrunk to squares."""
+    pictures: tuple[list[Tensor], list[Tensor]] = ([], [])
     for pair in find_pairs(table):
-        pictures = [read_codes(path) for path in (pair.original, pair.photo)]
-        for index, picture in enumerate(pictures):
-            whole = shrunk(picture[None] / 255, side)
-            parts.setdefault("whole", ([], []))[index].append((255 * whole).round().byte())
-            if aligned:
-                crop = v2.functional.center_crop(picture, [side, side])
-                parts.setdefault("crops", ([], []))[index].append(crop[None])
-    for part, (originals, photos) in parts.items():
-        yield f"{table.stem}, {part}", Judged(torch.cat(originals), torch.cat(photos))
+        for whole, path in zip(pictures, (pair.original, pair.photo), strict=True):
+            small = shrunk(read_codes(path)[None] / 255, side)
+            whole.append((255 * small).round().byte())
+    return Pictures(*map(torch.cat, pictures))
 
 
-@torch.no_grad()
-def answers(classifier: nn.Module, pictures: Tensor) -> Tensor:
-    """Return the classes (N,) that a classifier gives pictures (N, 3, S, S) uint8."""
-    return torch.cat([classifier(part / 255).argmax(1) for part in pictures.split(32)])
-
-
-def row_of(before: Tensor, student: nn.Module, pictures: Judged) -> dict[str, Any]:
-    """Return shares of equal answers, with 95 % intervals.
-
-    Args:
-        before: (N,) the answers of the classifier before training to the originals.
-    """
-    own, of_photos = answers(student, pictures.originals), answers(student, pictures.photos)
-    row: dict[str, Any] = {"n": len(before)}
-    for kind, same in (
-        ("original as before", own == before),
-        ("photo as original", of_photos == own),
-        ("photo as original before", of_photos == before),
-    ):
-        row[kind] = same.double().mean().item()
-        row[f"{kind}, low"], row[f"{kind}, high"] = wilson(int(same.sum()), len(same))
-    return row
-
-
-def rows_of(
-    name: str, students: Mapping[tuple[str, float], nn.Module], judged: Mapping[str, Judged]
-) -> list[dict[str, Any]]:
-    """Return a row for each training of a classifier, share of its new weights and kind of pairs.
-    The first student is the classifier before training."""
-    teacher = next(iter(students.values()))
-    rows = []
-    for pairs, pictures in judged.items():
-        before = answers(teacher, pictures.originals)
-        for (training, share), student in students.items():
-            row = {"classifier": name, "pairs": pairs, "tuned on": training, "new": share}
-            rows.append(row | row_of(before, student, pictures))
-    return rows
+def tune_halves(
+    weights: Path, treatment: Treatment, pairs: Sequence[ScreenPhoto], effort: Effort
+) -> Iterable[dict[str, nn.Module]]:
+    """Yield a classifier tuned for each half of the pairs, on the other half."""
+    cfg = settings_of(treatment, weights, effort)
+    for judged in halves(len(pairs)):
+        others = [pair for pair, is_judged in zip(pairs, judged, strict=True) if not is_judged]
+        validated = max(1, len(others) // VALIDATION_DIVISOR)
+        crops = draw_crops(others[validated:], effort.train, effort.side)
+        validation = draw_crops(others[:validated], 4 * validated, effort.side)
+        photograph = treatment.photograph
+        if treatment.is_real:
+            photograph = real_photos(crops, validation)
+        yield tuned(cfg, splits_of(crops, validation), photograph)
 
 
 def main() -> None:
     parser = measure.arguments(__doc__)
     parser.add_argument("pairs", type=Path, help="a CSV file with the columns photo and original")
     parser.add_argument("--loose", type=Path, help="one of pairs that are not aligned")
-    parser.add_argument("--images", type=Path, required=True, help="clean pictures to train on")
     parser.add_argument(
         "--classifiers", type=Path, required=True, help="a folder of files such as resnet18.pth"
     )
-    parser.add_argument("--pictures", type=int, help="of an epoch, instead of the recipe's")
-    parser.add_argument("--epochs", type=int, help="instead of the recipe's")
     parser.add_argument("--only", nargs="+", choices=TREATMENTS, default=list(TREATMENTS))
     args, effort, _ = measure.begin(parser, Effort(), QUICK_SETTINGS)
-    for name, value in (("train", args.pictures), ("epochs", args.epochs)):
-        effort = effort if value is None else replace(effort, **{name: value})
     try:
         teachers = read_classifiers(args.classifiers)
-        judged = dict(read_pictures(args.pairs, effort.side, aligned=True))
-        if args.loose:
-            judged |= dict(read_pictures(args.loose, effort.side, aligned=False))
-        rows = tune_and_judge(args, teachers, judged, effort)
+        pairs = list(read_pairs(find_pairs(args.pairs)))
+        tables = [args.pairs, *([args.loose] if args.loose else [])]
+        judged = {table.stem: read_whole(table, effort.side) for table in tables}
     except (ValueError, OSError) as error:
         parser.error(str(error))
-    measure.publish(pd.DataFrame(rows), measure.results(args) / "fine_tuning.csv")
-
-
-def tune_and_judge(
-    args: Any, teachers: Mapping[str, nn.Module], judged: Mapping[str, Judged], effort: Effort
-) -> Sequence[dict[str, Any]]:
-    """Tune each classifier in every way, and return the rows of all."""
-    rows = []
+    rows: list[dict[str, Any]] = []
     for name, teacher in teachers.items():
-        students: dict[tuple[str, float], nn.Module] = {("nothing", 0.0): teacher}
-        weights = args.classifiers / f"{name}.pth"
+        students: dict[tuple[str, str], list[nn.Module]] = {("nothing", "its own"): [teacher] * 2}
         for training in args.only:
-            treatment = TREATMENTS[training]
-            cfg = settings_of(treatment, weights, args.images, effort)
-            splits = load_data(cfg)
-            assert splits.num_classes == CLASSES
-            for share, student in tuned(cfg, splits, treatment.photograph).items():
-                students[training, share] = student
+            weights = args.classifiers / f"{name}.pth"
+            for networks in tune_halves(weights, TREATMENTS[training], pairs, effort):
+                for kind, network in networks.items():
+                    students.setdefault((training, kind), []).append(network)
         rows += rows_of(name, students, judged)
-    return rows
+    measure.publish(pd.DataFrame(rows), measure.results(args) / "fine_tuning.csv")
 
 
 if __name__ == "__main__":
