@@ -40,7 +40,13 @@ from training.demoireing.pictures import DrawnPictures, split_tenths
 from training.detection.examples import PHOTO_SIDE, Examples
 from training.detection.heads import LOOKS, Part
 from training.detection.labelled import cross_validated, read_labelled
-from training.detection.measures import auc, line_of, measures, threshold_at
+from training.detection.measures import (
+    auc,
+    line_of,
+    measures,
+    threshold_at,
+    thresholds_without,
+)
 from training.detection.network import Detector, as_photo, shrunk
 from training.system.files import make_folder
 
@@ -112,16 +118,23 @@ def train(cfg: Config) -> dict[str, Any]:
     detector.heads.fit(parts, cfg.penalty)
     areas = {look: area_of(detector, look, held_out) for look, (_, held_out) in rounds_of.items()}
     others = [np.array([score_of(detector, picture) for picture in tqdm(ordinary, disable=None)])]
+    thresholds = None
     if left_out and cfg.ordinary is None:
+        thresholds = thresholds_without(
+            cfg.false_alarms, others[0], left_out.others, left_out.folds_of_others
+        )
         others.append(left_out.others)
     threshold = threshold_at(cfg.false_alarms, others)
     detector.threshold.fill_(threshold)
+    judged = None
+    if left_out:
+        judged = measures(left_out.screens, left_out.others, threshold, thresholds)
     kinds = Counter(f"{look}: {one.kind}" for look in LOOKS for one in seen[look])
     metrics: dict[str, Any] = {
         "settings": vars(cfg),
         "examples": dict(kinds),
         "labelled": len(labelled.names) if labelled else 0,
-        "cross_validated": measures(*left_out, threshold) if left_out else None,
+        "cross_validated": judged,
         "auc": areas,
         "threshold": threshold,
         "seconds": time.perf_counter() - start,
@@ -130,8 +143,8 @@ def train(cfg: Config) -> dict[str, Any]:
     write_text(out / "metrics.json", json.dumps(metrics, indent=1))
     figures = ", ".join(f"{look} {area:.3f}" for look, area in areas.items())
     print(f"AUC on simulated photos that were left out: {figures}")
-    if metrics["cross_validated"]:
-        print(line_of("Labelled photos that were left out in turn", metrics["cross_validated"]))
+    if judged:
+        print(line_of("Labelled photos that were left out in turn", judged))
     print(f"Written in {metrics['seconds']:.0f} s: {out / 'detector.pt'}")
     return metrics
 

@@ -106,10 +106,11 @@ def heads_of(photos: LabelledPhotos, parts: Parts, penalty: float) -> Heads:
 
 
 class Scores(NamedTuple):
-    """Scores of photos of screens, and of others."""
+    """Scores of photos of screens, and of others, which are left out fold by fold."""
 
     screens: np.ndarray
     others: np.ndarray
+    folds_of_others: np.ndarray
 
 
 @torch.no_grad()
@@ -133,4 +134,5 @@ def cross_validated(photos: LabelledPhotos, parts: Parts, penalty: float) -> Sco
             photos.subset(is_left_out),
         )
         scores[is_left_out] = heads(test.crops, test.wholes)
-    return Scores(scores[photos.is_screen].numpy(), scores[~photos.is_screen].numpy())
+    screens, others = photos.is_screen, ~photos.is_screen
+    return Scores(scores[screens].numpy(), scores[others].numpy(), fold[others].numpy())

@@ -51,15 +51,43 @@ def threshold_at(false_alarms: float, others: Sequence[np.ndarray]) -> float:
     return float(np.interp(1 - false_alarms, shares, scores[order]))
 
 
-def measures(screens: np.ndarray, others: np.ndarray, threshold: float) -> dict[str, Any]:
+def thresholds_without(
+    false_alarms: float, pictures: np.ndarray, others: np.ndarray, folds: np.ndarray
+) -> np.ndarray:
+    """Return for each of N other photos the threshold that pictures and the photos of the other
+    folds set: one that it sets itself is rarely below its score.
+
+    Args:
+        pictures, others: scores, (M,) and (N,). folds: (N,), of at least two folds.
+    """
+    thresholds = np.empty(len(others))
+    for fold in np.unique(folds):
+        rest = others[folds != fold]
+        thresholds[folds == fold] = threshold_at(false_alarms, [pictures, rest])
+    return thresholds
+
+
+def measures(
+    screens: np.ndarray,
+    others: np.ndarray,
+    threshold: float,
+    thresholds_of_others: np.ndarray | None = None,
+) -> dict[str, Any]:
     """Return a collection's figures: APCER is the share of screens (attacks) that pass, BPCER that
-    of other (bona fide) photos that do not, both at the detector's threshold."""
+    of other (bona fide) photos that do not, both at the detector's threshold.
+
+    Args:
+        thresholds_of_others: (N,) of the N others, where these set the threshold, see
+            `thresholds_without`; None for the threshold itself.
+    """
+    if thresholds_of_others is None:
+        thresholds_of_others = np.full(len(others), threshold, others.dtype)
     rng = np.random.default_rng(0)
     draws = []
     for _ in range(BOOTSTRAPS):
         resampled = (rng.choice(scores, len(scores)) for scores in (screens, others))
         draws.append(auc(*resampled))
-    passed, refused = int((screens <= threshold).sum()), int((others > threshold).sum())
+    passed, refused = int((screens <= threshold).sum()), int((others > thresholds_of_others).sum())
     found = found_at(screens, others, 0.1)
     return {
         "screens": len(screens),
