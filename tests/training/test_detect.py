@@ -2,6 +2,7 @@
 
 import json
 import resource
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -90,7 +91,7 @@ def test_a_trained_detector_scores_a_folder(trained, capsys):
     assert [file.name for file in out.iterdir()] == ["scores.csv"]
 
 
-def test_the_sheet_of_mistakes_holds_no_photo_that_is_right(tmp_path):
+def test_the_sheet_of_mistakes_holds_no_photo_that_is_right(tmp_path, monkeypatch):
     scores = {"screen/found": 0.9, "screen/missed": 0.5, "real/alarm": 0.6, "real/passed": 0.1}
     codes = {"screen/found": 10, "screen/missed": 20, "real/alarm": 30, "real/passed": 40}
     for name, code in codes.items():
@@ -100,7 +101,9 @@ def test_the_sheet_of_mistakes_holds_no_photo_that_is_right(tmp_path):
     rows = [{"photo": f"{name}.png", "score": one} for name, one in scores.items()]
     table = pd.DataFrame(rows)
     table["truth"] = [truth_of(name) for name in table.photo]
-    score.judge(table, 0.5, tmp_path, tmp_path)  # a score at the threshold is no screen's
+    monkeypatch.chdir(tmp_path)  # whose name the collection has, also as in=.
+    score.judge(table, 0.5, Path("."), tmp_path)  # a score at the threshold is no screen's
+    assert list(json.loads((tmp_path / "measures.json").read_text())) == [tmp_path.name]
     with Image.open(tmp_path / "mistakes.png") as sheet:
         assert {code for _, (code, *_) in sheet.getcolors()} == {20, 30, 255}
 

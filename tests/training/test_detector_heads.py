@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from moireaug.evaluation.statistics import wilson
+from training.detection import measures as measuring
 from training.detection.heads import LOOKS, fit_head
 from training.detection.labelled import LabelledPhotos, cross_validated, heads_of
 from training.detection.measures import (
@@ -15,6 +16,7 @@ from training.detection.measures import (
     threshold_at,
     thresholds_without,
 )
+from training.report.plots import png
 
 NONE = {look: [] for look in LOOKS}
 
@@ -62,6 +64,19 @@ def test_parts_of_examples_weigh_the_same():
     contradicting = few, few[:, 0] < 0
     fit_head(head, [(many.sign(), many[:, 0] > 0), contradicting], penalty=0.01)
     assert alone > 1 and abs(head.weight.item()) < 0.05
+
+
+def test_curves_of_folders_of_any_name_are_drawn(monkeypatch):
+    figures = []
+    monkeypatch.setattr(measuring, "png", lambda figure: figures.append(figure) or png(figure))
+    scores = np.array([1.0, 2.0]), np.array([0.0, 1.0])
+    assert measuring.roc_plot(dict.fromkeys(["_own", "5$_and_$", "caf\udce9"], scores))
+    legend = figures[0].axes[0].get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == [
+        "_own, 0.88",
+        "5$_and_$, 0.88",
+        "caf?, 0.88",
+    ]
 
 
 def test_each_source_sets_as_much_of_the_threshold():

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 from scipy.stats import rankdata
 
+from moireaug.common.files import shown
 from moireaug.evaluation.statistics import wilson
 from training.report.plots import png
 
@@ -120,12 +121,17 @@ def roc_plot(scores: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> bytes:
     figure = Figure(figsize=(5, 4), dpi=130, layout="constrained")
     axes = figure.subplots()
     axes.set(xlabel="false alarms", ylabel="screens found", xlim=(0, 1), ylim=(0, 1.01))
+    lines, labels = [], []
     for name, (screens, others) in scores.items():
         thresholds = np.sort(np.concatenate((screens, others, [np.inf])))[::-1]
         alarms = (others[:, None] >= thresholds).mean(0)
         found = (screens[:, None] >= thresholds).mean(0)
-        axes.step(alarms, found, where="post", label=f"{name}, {auc(screens, others):.2f}")
-    axes.legend(loc="lower right", fontsize="small")
+        lines += axes.step(alarms, found, where="post")
+        labels.append(f"{shown(name)}, {auc(screens, others):.2f}")
+    # given, as names that begin with _ are left out else
+    legend = axes.legend(lines, labels, loc="lower right", fontsize="small")
+    for text in legend.get_texts():
+        text.set_parse_math(False)  # a folder may have dollar signs in its name
     return png(figure)
 
 
