@@ -27,6 +27,8 @@ def test_measures_are_those_of_small_examples():
     assert auc(others, others) == 0.5
     assert equal_error_rate(np.array([1.0, 2.0]), np.array([0.0, 0.5])) == 0
     assert found_at(screens, np.arange(10) / 10, 0.1) == 3
+    assert found_at(screens, np.array([*np.zeros(8), 1.5, 2.5]), 0.1) == 2  # one of ten may exceed
+    assert found_at(screens, np.array([*np.zeros(7), 1.5, 2.5]), 0.1) == 1  # of nine none may
     found = measures(screens, others, 1.2)
     assert found["apcer"] == pytest.approx(1 / 3) and found["bpcer"] == 0.5
     low, high = found["auc_interval"]
