@@ -119,20 +119,18 @@ def cross_validated(photos: LabelledPhotos, parts: Parts, penalty: float) -> Sco
     and to further parts; None where one of a kind is all there is.
 
     Neighbours in the folder, which may be of one scene, are left out together."""
-    counts = [int(rows.sum()) for rows in (photos.is_screen, ~photos.is_screen)]
+    screens, others = photos.is_screen, ~photos.is_screen
+    counts = [int(rows.sum()) for rows in (screens, others)]
     folds = min(MAX_FOLDS, *counts)
     if folds < 2:
         return None
     fold = torch.empty(len(photos.names), dtype=torch.long)
-    for count, rows in zip(counts, (photos.is_screen, ~photos.is_screen), strict=True):
+    for count, rows in zip(counts, (screens, others), strict=True):
         fold[rows] = torch.arange(count) * folds // count
     scores = torch.empty(len(photos.names))
     for number in range(folds):
         is_left_out = fold == number
-        heads, test = (
-            heads_of(photos.subset(~is_left_out), parts, penalty),
-            photos.subset(is_left_out),
-        )
+        heads = heads_of(photos.subset(~is_left_out), parts, penalty)
+        test = photos.subset(is_left_out)
         scores[is_left_out] = heads(test.crops, test.wholes)
-    screens, others = photos.is_screen, ~photos.is_screen
     return Scores(scores[screens].numpy(), scores[others].numpy(), fold[others].numpy())
