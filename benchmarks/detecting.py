@@ -155,11 +155,11 @@ def main() -> None:
     for kind, values in scores.items():
         for name in np.unique(group):
             screens, others = (values[(group == name) & (truth.numpy() == t)] for t in (1, 0))
-            found = measures(screens.numpy(), others.numpy(), detector.threshold.item())
+            threshold = None
             if kind == "the detector":
+                threshold = detector.threshold.item()
                 curves[str(name)] = (screens.numpy(), others.numpy())
-            else:  # whose threshold is nobody's
-                found = {key: value for key, value in found.items() if "pcer" not in key}
+            found = measures(screens.numpy(), others.numpy(), threshold)
             rows.append({"trained on": kind, "collection": name} | found)
     cfg = Config(images=args.images, weights=None, n=args.rounds)
     simulated = simulated_parts(detector, cfg)

@@ -211,7 +211,9 @@ def test_a_wrong_command_is_refused(command, message, tmp_path, monkeypatch):
 
 def test_the_truth_and_the_collection_are_read_off_the_folders():
     assert truth_of("a/Data/Real/1.jpg") is False and truth_of("screens/2.jpg") is True
-    assert truth_of("a/b/screen.jpg") is None
+    for name in ("a/b/screen.jpg", "realme/a.jpg", "Screenshots/a.png"):
+        assert truth_of(name) is None
+    assert truth_of("screen/Realme 8/1.jpg") is True and truth_of("real_2/1.jpg") is False
     assert collection_of("a/Data/real/1.jpg") == "a"
     assert collection_of("real/1.jpg") == collection_of("1.jpg") == ""
 

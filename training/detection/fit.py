@@ -7,12 +7,12 @@ show them are photographed in the scenes of "anywhere", as crops and as whole sc
 negatives are the pictures and rooms, the same photos without moiré, and prints, all as JPEG.
 `weights` is a state_dict of the backbone, a ResNet of torchvision, or the name of published ones,
 such as DEFAULT; its stages stay as they are, and two linear heads on them are fitted. Photos in
-`labelled`, in folders whose names begin with "real" or "screen", weigh as much as all simulated
-ones. By the threshold, `false_alarms` of the photos in `ordinary` are called screens; or of a tenth
-of the pictures, which are left out of the training, and of the labelled photos that are no screens,
-as detectors score them that are fitted without a fifth of the labelled photos. These scores also
-tell how well the detector does on photos like them. Writes detector.pt and metrics.json into
-out=DIR."""
+`labelled`, in folders whose names start with the word "real" or "screen", weigh as much as all
+simulated ones. By the threshold, `false_alarms` of the photos in `ordinary` are called screens; or
+of a tenth of the pictures, which are left out of the training, and of the labelled photos that are
+no screens, as detectors score them that are fitted without a fifth of the labelled ones. These
+scores also tell how well the detector does on photos like them. Writes detector.pt and metrics.json
+into out=DIR."""
 
 import json
 import time
@@ -40,13 +40,7 @@ from training.demoireing.pictures import DrawnPictures, split_tenths
 from training.detection.examples import PHOTO_SIDE, Examples
 from training.detection.heads import LOOKS, Part
 from training.detection.labelled import cross_validated, read_labelled
-from training.detection.measures import (
-    auc,
-    line_of,
-    measures,
-    threshold_at,
-    thresholds_without,
-)
+from training.detection.measures import auc, line_of, measures, threshold_at
 from training.detection.network import Detector, as_photo, shrunk
 from training.system.files import make_folder
 
@@ -118,17 +112,12 @@ def train(cfg: Config) -> dict[str, Any]:
     detector.heads.fit(parts, cfg.penalty)
     areas = {look: area_of(detector, look, held_out) for look, (_, held_out) in rounds_of.items()}
     others = [np.array([score_of(detector, picture) for picture in tqdm(ordinary, disable=None)])]
-    thresholds = None
     if left_out and cfg.ordinary is None:
-        thresholds = thresholds_without(
-            cfg.false_alarms, others[0], left_out.others, left_out.folds_of_others
-        )
         others.append(left_out.others)
     threshold = threshold_at(cfg.false_alarms, others)
     detector.threshold.fill_(threshold)
-    judged = None
-    if left_out:
-        judged = measures(left_out.screens, left_out.others, threshold, thresholds)
+    # not at the threshold, which these photos set
+    judged = measures(*left_out, threshold=None) if left_out else None
     kinds = Counter(f"{look}: {one.kind}" for look in LOOKS for one in seen[look])
     metrics: dict[str, Any] = {
         "settings": vars(cfg),

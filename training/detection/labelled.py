@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
@@ -17,16 +18,16 @@ from moireaug.synthesis.pictures import Pictures
 from training.detection.heads import LOOKS, Heads, Part, Parts
 from training.detection.network import Detector, as_photo
 
-LABELS = {"real": False, "screen": True}  # first letters of a folder's name
+LABELS = {"real": False, "screen": True}  # names of folders, or their first word
 MAX_FOLDS = 5
 
 
 def truth_of(name: str) -> bool | None:
     """Return whether a photo lies in a folder of screens, or None in one of neither kind."""
     for part in reversed(PurePosixPath(name.lower()).parts[:-1]):
-        for label, is_screen in LABELS.items():
-            if part.startswith(label):
-                return is_screen
+        word = re.match(r"(real|screen)s?(?![a-z])", part)  # no phone by Realme, no screenshots
+        if word:
+            return LABELS[word[1]]
     return None
 
 
@@ -106,11 +107,10 @@ def heads_of(photos: LabelledPhotos, parts: Parts, penalty: float) -> Heads:
 
 
 class Scores(NamedTuple):
-    """Scores of photos of screens, and of others, which are left out fold by fold."""
+    """Scores of photos of screens, and of others."""
 
     screens: np.ndarray
     others: np.ndarray
-    folds_of_others: np.ndarray
 
 
 @torch.no_grad()
@@ -133,4 +133,4 @@ def cross_validated(photos: LabelledPhotos, parts: Parts, penalty: float) -> Sco
         heads = heads_of(photos.subset(~is_left_out), parts, penalty)
         test = photos.subset(is_left_out)
         scores[is_left_out] = heads(test.crops, test.wholes)
-    return Scores(scores[screens].numpy(), scores[others].numpy(), fold[others].numpy())
+    return Scores(scores[screens].numpy(), scores[others].numpy())

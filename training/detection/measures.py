@@ -53,45 +53,16 @@ def threshold_at(false_alarms: float, others: Sequence[np.ndarray]) -> float:
     return float(np.interp(1 - false_alarms, shares, scores[order]))
 
 
-def thresholds_without(
-    false_alarms: float, pictures: np.ndarray, others: np.ndarray, folds: np.ndarray
-) -> np.ndarray:
-    """Return for each of N other photos the threshold that pictures and the photos of the other
-    folds set: one that it sets itself is rarely below its score.
-
-    Args:
-        pictures, others: scores, (M,) and (N,). folds: (N,), of at least two folds.
-    """
-    thresholds = np.empty(len(others))
-    for fold in np.unique(folds):
-        rest = others[folds != fold]
-        thresholds[folds == fold] = threshold_at(false_alarms, [pictures, rest])
-    return thresholds
-
-
-def measures(
-    screens: np.ndarray,
-    others: np.ndarray,
-    threshold: float,
-    thresholds_of_others: np.ndarray | None = None,
-) -> dict[str, Any]:
-    """Return a collection's figures: APCER is the share of screens (attacks) that pass, BPCER that
-    of other (bona fide) photos that do not, both at the detector's threshold.
-
-    Args:
-        thresholds_of_others: (N,) of the N others, where these set the threshold, see
-            `thresholds_without`; None for the threshold itself.
-    """
-    if thresholds_of_others is None:
-        thresholds_of_others = np.full(len(others), threshold, others.dtype)
+def measures(screens: np.ndarray, others: np.ndarray, threshold: float | None) -> dict[str, Any]:
+    """Return a collection's figures. At a threshold, APCER is the share of screens (attacks) that
+    pass, BPCER that of other (bona fide) photos that do not."""
     rng = np.random.default_rng(0)
     draws = []
     for _ in range(BOOTSTRAPS):
         resampled = (rng.choice(scores, len(scores)) for scores in (screens, others))
         draws.append(auc(*resampled))
-    passed, refused = int((screens <= threshold).sum()), int((others > thresholds_of_others).sum())
     found = found_at(screens, others, 0.1)
-    return {
+    figures = {
         "screens": len(screens),
         "others": len(others),
         "auc": auc(screens, others),
@@ -99,6 +70,11 @@ def measures(
         "eer": equal_error_rate(screens, others),
         "found_at_10": found / len(screens),
         "found_at_10_interval": wilson(found, len(screens)),
+    }
+    if threshold is None:
+        return figures
+    passed, refused = int((screens <= threshold).sum()), int((others > threshold).sum())
+    return figures | {
         "apcer": passed / len(screens),
         "apcer_interval": wilson(passed, len(screens)),
         "bpcer": refused / len(others),
@@ -112,8 +88,9 @@ def line_of(name: str, row: dict[str, Any]) -> str:
     parts[0] += " ({:.2f} to {:.2f})".format(*row["auc_interval"])
     parts.append(f"EER {row['eer']:.2f}")
     for key, label in (("found_at_10", "found at 10 %"), ("apcer", "APCER"), ("bpcer", "BPCER")):
-        low, high = row[f"{key}_interval"]
-        parts.append(f"{label} {row[key]:.2f} ({low:.2f} to {high:.2f})")
+        if key in row:
+            low, high = row[f"{key}_interval"]
+            parts.append(f"{label} {row[key]:.2f} ({low:.2f} to {high:.2f})")
     return ", ".join(parts)
 
 

@@ -2,11 +2,11 @@
 
     python training/detect.py score in=DIR detector=runs/detect/detector.pt
 
-Writes scores.csv into out=DIR. Where photos lie in folders whose names begin with "real" or
-"screen", at any depth, these are taken for the truth, and the folders of in=DIR that hold them for
-collections: AUC, equal error rate, APCER and BPCER are printed for each, with 95 % intervals, and
-written with a plot of the ROC curves and a sheet of the mistakes (screens that were missed, then
-other photos called screens)."""
+Writes scores.csv into out=DIR. Where photos lie in folders whose names start with the word "real"
+or "screen", at any depth, these are taken for the truth, and the folders of in=DIR that hold them
+for collections: AUC, equal error rate, APCER and BPCER are printed for each, with 95 % intervals,
+and written with a plot of the ROC curves and a sheet of the mistakes (screens that were missed,
+then other photos called screens)."""
 
 import json
 from collections.abc import Iterable, Sequence
