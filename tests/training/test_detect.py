@@ -2,6 +2,7 @@
 
 import json
 import resource
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -261,3 +262,10 @@ def test_where_ordinary_photos_are_named_no_others_are_drawn(tmp_path, monkeypat
     put(tmp_path, sizes=[(400, 300), (300, 420)])
     monkeypatch.setattr(fit.DrawnPictures, "draw", lambda *_: pytest.fail("drawn in vain"))
     assert len([*fit.sources(fit.Config(ordinary=str(tmp_path), weights=None))[1]]) == 2
+
+
+def test_all_pictures_train_where_others_set_the_threshold(tmp_path):
+    put(tmp_path, sizes=[(400, 300), (300, 420), (500, 380)])
+    of_images = fit.Config(images=str(tmp_path), weights=None)
+    assert len(fit.sources(of_images)[0].names) == 2
+    assert len(fit.sources(replace(of_images, ordinary=str(tmp_path)))[0].names) == 3

@@ -179,10 +179,12 @@ def sources(cfg: Config) -> tuple[Source, Iterable[Any]]:
     least one is usable."""
     pictures: Source = DrawnPictures(PHOTO_SIDE)
     ordinary = None
-    if cfg.images is not None:
-        pictures, ordinary = split_tenths(Pictures(cfg.images, MIN_SIDE), 2)
     if cfg.ordinary is not None:
         ordinary = Pictures(cfg.ordinary, 1)
+    if cfg.images is not None:
+        pictures = every = Pictures(cfg.images, MIN_SIDE)
+        if ordinary is None:
+            pictures, ordinary = split_tenths(every, 2)
     rng = np.random.default_rng((cfg.seed, 1))
     if ordinary is None:
         return pictures, [pictures.draw(rng)[1] for _ in range(DRAWN_ORDINARY)]
