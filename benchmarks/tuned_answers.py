@@ -20,6 +20,7 @@ class Pictures(NamedTuple):
     photos: Tensor
 
     def subset(self, chosen: Tensor) -> Pictures:
+        """Return some of the pairs, by (N,) bool."""
         return Pictures(self.originals[chosen], self.photos[chosen])
 
 

@@ -46,7 +46,7 @@ def fit_head(head: nn.Module, parts: Sequence[Part], penalty: float) -> None:
     """
     features = torch.cat([seen for seen, _ in parts]).double()
     truth = torch.cat([is_screen for _, is_screen in parts]).double()
-    weight = torch.cat([_weights(is_screen) for _, is_screen in parts]) / len(parts)
+    balance = torch.cat([_weights(is_screen) for _, is_screen in parts]) / len(parts)
     mean, std = features.mean(0), features.std(0) + 1e-6
     rows = (features - mean) / std
     slope = torch.zeros(rows.shape[1], dtype=torch.float64, requires_grad=True)
@@ -56,7 +56,7 @@ def fit_head(head: nn.Module, parts: Sequence[Part], penalty: float) -> None:
     def loss() -> Tensor:
         optimiser.zero_grad()
         logits = rows @ slope + bias
-        total = F.binary_cross_entropy_with_logits(logits, truth, weight, reduction="sum")
+        total = F.binary_cross_entropy_with_logits(logits, truth, balance, reduction="sum")
         total = total + penalty / 2 * slope.square().sum()
         total.backward()
         return total
