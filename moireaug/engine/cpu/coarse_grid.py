@@ -129,10 +129,13 @@ def _motion_change(jacobians, camera, blur_camera, axis_of_photo):
 
 
 @jit_in_place
-def _count(steps, fewest, most):
-    """Return how many nodes a change of so many steps needs: at least `fewest`, and `most` + 1 if
-    it needs more than `most`."""
-    return int(min(max(steps + 2, fewest), most + 1))
+def _count(steps, fewest, most, pixels):
+    """Return how many nodes a change of so many steps over a line of pixels needs: at least
+    `fewest`, no more than it takes to have one on each pixel, and `most` + 1 if it needs more than
+    `most`."""
+    apart = max(pixels - 1, 1)
+    on_each_pixel = apart * math.ceil((fewest - 1) / apart) + 1
+    return int(min(max(steps + 2, fewest), on_each_pixel, most + 1))
 
 
 @jit
@@ -154,15 +157,16 @@ def counts(sites, view, budget):
     for k in range(2):
         change[k], cycles[k] = _fastest_change(scales, k, highest, passed)
     fewest = 9 if camera.k1 != 0 or camera.k2 != 0 else 6
+    pixels = len(sites.cols), len(sites.rows)
     for k in range(2):
         if max(change[0], change[1]) < budget.flat_log_scale:
             out[0, k], out[1, k] = 4, 2
             continue
         steps = max(cycles[k] / budget.amplitude_cycles, change[k] / budget.amplitude_log_scale)
-        out[0, k] = _count(steps, fewest, MAX_NODES)
+        out[0, k] = _count(steps, fewest, MAX_NODES, pixels[k])
         motion_steps = _motion_change(jacobians, camera, blur_camera, k) / budget.weight_motion
         steps = max(change[k] / budget.weight_log_scale, motion_steps)
-        out[1, k] = _count(steps, 5, MAX_WEIGHT_NODES)
+        out[1, k] = _count(steps, 5, MAX_WEIGHT_NODES, pixels[k])
     return out
 
 
