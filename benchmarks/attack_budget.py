@@ -23,7 +23,7 @@ from torch import nn
 
 from benchmarks import measure
 from moireaug.evaluation import Cell, Table, images_frame, rates
-from moireaug.evaluation.attackers import Attacker, MoireAttacker, PoseUnknownAttacker
+from moireaug.evaluation.attackers import Attacker, MoireAttacker, PhotoUnknownAttacker
 from moireaug.evaluation.autoattack import APGDTAttacker, SquareAttacker
 from moireaug.evaluation.batches import Batches
 from moireaug.evaluation.records import EvalSetup, Records
@@ -51,7 +51,7 @@ def attackers(steps: int) -> dict[str, Attacker]:
         ),
         "APGD-T": APGDTAttacker(eps=EPS, steps=steps),
         "Square": SquareAttacker(eps=EPS, steps=QUERIES * steps),
-        "MA, pose unknown": PoseUnknownAttacker(eps=EPS, steps=steps),
+        "MA, photo unknown": PhotoUnknownAttacker(eps=EPS, steps=steps),
     }
 
 

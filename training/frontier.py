@@ -39,8 +39,8 @@ EXAMPLE = "python training/frontier.py runs"
 class Config:
     """All settings of the command."""
 
-    runs: str = setting(MISSING, "folder of runs, or frontier.csv; runs= may be left out")
-    against: str = setting("baseline", "recipe that gains are over")
+    runs: str = setting(MISSING, "folder of runs, or frontier.csv; the prefix runs= is optional")
+    against: str = setting("baseline", "recipe that the others are compared with")
     out: str | None = setting(None, "folder of the table; null: frontier/ in runs")
 
 

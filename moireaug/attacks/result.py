@@ -58,7 +58,7 @@ class Result:
         fooled = int((self.success & self.clean_correct).sum())
         parts = [
             f"eps {255 * self.eps:.3g}/255 in {self.bound}",
-            f"{fooled} of the {right} right images fooled",
+            f"fooled {fooled} of {right} right without noise",
         ]
         if n:
             before, after = 100 * right / n, 100 * int(self.correct.sum()) / n

@@ -163,7 +163,7 @@ class MoireAttacker(Attacker):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseUnknownAttacker(Attacker):
+class PhotoUnknownAttacker(Attacker):
     """The Moiré Attack by expectation over other draws of the scene. Its noise is shown on the
     photo that is classified, which no step has seen, at the same fraction of each value's own
     bound.
@@ -172,7 +172,7 @@ class PoseUnknownAttacker(Attacker):
         shots: number of draws in each step.
     """
 
-    kind = "pose_unknown"
+    kind = "photo_unknown"
     shots: int = 4
 
     @property

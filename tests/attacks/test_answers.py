@@ -150,14 +150,14 @@ def test_a_result_prints_as_one_line(model, batch):
     result = MoireAttack(model, scene=SCENE, eps=EPS, steps=2)(*batch)
     number = r"[\d.]+"
     losses = f"loss {number} to {number} in 2 steps"
-    counts = rf"\d of the \d right images fooled, accuracy {number} to {number} % of 6"
+    counts = rf"fooled \d of \d right without noise, accuracy {number} to {number} % of 6"
     assert re.fullmatch(rf"Result\(eps 4/255 in codes, {counts}, {losses}\)", str(result))
     assert str(PGD(model, steps=0)(*batch)).endswith(" % of 6)")
     assert str(PGD(model, steps=1)(*batch)).endswith(" in 1 step)")
     none = (batch[0][:0], batch[1][:0])
     assert (
         str(PGD(model, steps=1)(*none))
-        == "Result(eps 4/255 in codes, 0 of the 0 right images fooled)"
+        == "Result(eps 4/255 in codes, fooled 0 of 0 right without noise)"
     )
 
 
@@ -186,7 +186,7 @@ def test_a_result_counts_as_fooled_what_was_right_without_noise(attack):
     assert torch.equal(found.clean_correct, before) and not found.correct[3]
     right, fooled = int(before.sum()), int((before & found.success).sum())
     after = int(found.correct.sum())
-    assert f"{fooled} of the {right} right images fooled" in repr(found) and found.success[3]
+    assert f"fooled {fooled} of {right} right without noise" in repr(found) and found.success[3]
     assert f"accuracy {25 * right} to {25 * after} % of 4" in repr(found)
     if attack is not SquareMoire:
         assert (fooled, right, after) == (2, 3, 1)

@@ -74,7 +74,7 @@ def test_a_rejected_image_is_neither_right_nor_a_success(grey):
     ):
         result = attack(*grey)
         assert not (result.success | result.correct | result.clean_correct).any(), attack
-        assert "0 of the 0 right images fooled, accuracy 0 to 0 % of 4" in repr(result)
+        assert "fooled 0 of 0 right without noise, accuracy 0 to 0 % of 4" in repr(result)
     passed = attacks.PGD(Rejecting(bright, red, 9.0), eps=0.0, steps=1)(*grey)
     assert passed.clean_correct.all() and passed.correct.all()
 

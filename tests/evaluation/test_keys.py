@@ -14,7 +14,7 @@ from torchvision.transforms import v2
 from moireaug import Scene
 from moireaug.attacks import Normalized
 from moireaug.defenses import JPEG, Compose, Defended, PixelDeflection, Quilting
-from moireaug.evaluation.attackers import MoireAttacker, PoseUnknownAttacker
+from moireaug.evaluation.attackers import MoireAttacker, PhotoUnknownAttacker
 from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.identity import identity_of, require_identity
 from moireaug.evaluation.records import EvalSetup, Records
@@ -53,7 +53,7 @@ def test_a_key_changes_with_every_setting(known):
 
 
 def test_a_key_changes_with_the_draws_of_an_expectation():
-    attackers = [PoseUnknownAttacker(eps=EPS, steps=2, shots=shots) for shots in (4, 8)]
+    attackers = [PhotoUnknownAttacker(eps=EPS, steps=2, shots=shots) for shots in (4, 8)]
     for draws in (1, 20):
         classifier = Classifier("j", PixelDeflection(), draws=draws)
         attackers.append(MoireAttacker(eps=EPS, steps=2, known_classifier=classifier))

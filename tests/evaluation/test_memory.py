@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from moireaug.defenses import PixelDeflection
-from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnknownAttacker
+from moireaug.evaluation.attackers import MoireAttacker, PhotoUnknownAttacker, PixelAttacker
 from moireaug.evaluation.autoattack import SquareAttacker
 from moireaug.evaluation.batches import restored_generators
 from moireaug.evaluation.classifiers import UNDEFENDED, Classifier, within_memory
@@ -19,7 +19,7 @@ from tests.evaluation.haze import EPS, SCENE
 CONDITIONS = {
     "noise": RandomNoise(eps=EPS),
     "restarts": MoireAttacker(eps=EPS, steps=2, restarts=2),
-    "unknown pose": PoseUnknownAttacker(eps=EPS, steps=2, shots=2),
+    "unknown photo": PhotoUnknownAttacker(eps=EPS, steps=2, shots=2),
     "search": SquareAttacker(eps=EPS, steps=8),
     "pixels": PixelAttacker(attack="pgd", eps=EPS, steps=2),
     "defence": MoireAttacker(

@@ -159,20 +159,20 @@ def test_the_worst_case_is_each_images_worst(measured):
 
 
 def test_the_worst_case_means_the_same_in_every_table():
-    left_out = {"adaptive": ("pose_unknown", "turning")}  # only the undefended row has them
+    left_out = {"adaptive": ("photo_unknown", "turning")}  # only the undefended row has them
     assert check_worst_cases([tables_of(suite, CONFIG)[0] for suite in SUITES], left_out) > 6
 
 
 def test_the_full_ladder_adds_rows_to_the_ladder(known):
     (table,), (short,) = tables_of("full_ladder", CONFIG), tables_of("ladder", CONFIG)
-    added = {"rotated", "pose_unknown_4", "adaptive_4", "worst_case_4"}
+    added = {"rotated", "photo_unknown_4", "adaptive_4", "worst_case_4"}
     assert set(table.rows) - set(short.rows) == added
     assert table.rows[:4] == ["clean", "dimmed", "rotated", "no_moire"]
     assert set(short.rows) - set(table.rows) == {"worst_4"}
     config = dataclasses.replace(CONFIG, eps=(16 / 255,))
     lines = run_suite(*known, "full_ladder", config)[2]
     success = lines.set_index("row")["success"]
-    for row in ("moire", "ma_16", "adaptive_16", "pose_unknown_16"):
+    for row in ("moire", "ma_16", "adaptive_16", "photo_unknown_16"):
         assert success["worst_case_16"] >= success[row]
     assert table.columns == ["fooled"]
 
@@ -274,8 +274,8 @@ def test_a_config_takes_the_bounds_that_evaluate_takes():
 
 def test_a_condition_is_called_like_its_row():
     (table,) = tables_of("full_ladder", CONFIG)
-    (cell,) = [cell for cell in table.cells if cell.row == "pose_unknown_4"]
-    assert cell.conditions[0].name == "pose_unknown_4"
+    (cell,) = [cell for cell in table.cells if cell.row == "photo_unknown_4"]
+    assert cell.conditions[0].name == "photo_unknown_4"
 
 
 def test_an_attack_says_whether_it_has_a_bound(monkeypatch):

@@ -127,8 +127,7 @@ class Data:
     )
     augment: str = setting(
         "none",
-        "of clean training images: none, shift (12.5 %), shift_flip, crop_flip, or affine (place, "
-        "form, tone, erased parts)",
+        "none, shift (12.5 %), shift_flip, crop_flip, or affine (place, form, tone, erased parts)",
         choices=AUGMENTATIONS,
         trains=True,
     )

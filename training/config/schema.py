@@ -33,8 +33,8 @@ class Adversary:
 
     kind: str = setting(
         "none",
-        "noise on the raw image (moire_attack), on pixels (pgd), before (photographed_pgd) or on "
-        "the photo (pgd_on_photo), or none",
+        "noise on the raw image (moire_attack), the photo (pgd_on_photo), pixels (pgd), or pixels "
+        "then photographed (photographed_pgd); or none",
         choices=("none", *ATTACKS),
     )
     share: float = setting(0.0, "share of each batch that is attacked", bounds=(0, 1))
@@ -80,7 +80,7 @@ class Train:
         "labels, or answers to clean images by the network in weights=",
         choices=TARGETS,
     )
-    layers: float = setting(1.0, "share of layers trained, from the image on", bounds=(0, 1))
+    layers: float = setting(1.0, "share of layers trained, from the input on", bounds=(0, 1))
     kept: float = setting(
         0.97,
         "with train.target=answers, share of validation answers kept, by averaging with the old "
@@ -101,7 +101,7 @@ class Train:
         "peak learning rate; null: 0.02 (Muon), or with weights= 0.002 per 128 images (SGD)",
         bounds=(1e-8, 10),
     )
-    momentum: float = setting(0.95, "peak of a cycle that falls by 0.1", bounds=(0, 0.9999))
+    momentum: float = setting(0.95, "peak of a cycle; its low is 0.1 below", bounds=(0, 0.9999))
     weight_decay: float | None = setting(None, "null: 0.05; with weights=, 5e-4", bounds=(0, 1))
     init: str = setting(
         "random",

@@ -70,7 +70,7 @@ class Train:
     steps: int = setting(2000, "in all", bounds=(1, None))
     check_every: int = setting(100, "steps between validations", bounds=(1, None))
     batch_size: int = setting(4, "over all devices", bounds=(1, None))
-    lr: float = setting(0.02, "peak of Muon; falls to 0 by a cosine", bounds=(1e-8, 10))
+    lr: float = setting(0.02, "peak of Muon; falls by a cosine", bounds=(1e-8, 10))
     warmup: int = setting(50, "steps over which it rises", bounds=(0, None))
     ema: float = setting(0.99, "decay per step of the averaged weights", bounds=(0, 0.999999))
 
@@ -82,7 +82,7 @@ class TestPairs:
     size: int = setting(256, "side of the pairs", bounds=SIZE_RANGE)
     unseen: list[str] = setting(
         lambda: list(UNSEEN_SCENES),
-        "scenes that are not trained in",
+        "scenes not trained in",
         example="[phone_at_television]",
     )
 

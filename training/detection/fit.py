@@ -57,17 +57,18 @@ class Config:
 
     images: str | None = setting(None, "folder of ordinary pictures; null: drawn")
     labelled: str | None = setting(
-        None, "your photos, in folders real and screen, which train, too"
+        None, "your photos, in folders real and screen, to train on, too"
     )
     ordinary: str | None = setting(
-        None, "other photos without screens, for the threshold; null: a tenth of images"
+        None,
+        "other photos without screens, for the threshold; null: labelled ones, a tenth of images",
     )
     scene: str = setting("anywhere", "of the screens: preset, or YAML file")
     weights: str | None = setting(MISSING, "of the backbone: file, name, or null for random")
     backbone: str = setting("resnet18", "ResNet of torchvision")
     out: str = setting("runs/detect", "folder of the results")
-    n: int = setting(300, "rounds of about eleven examples", bounds=(4, None))
-    penalty: float = setting(0.5, "of the heads' squared weights", bounds=(0, None))
+    n: int = setting(300, "batches of about eleven examples", bounds=(4, None))
+    penalty: float = setting(0.5, "L2 penalty on the heads", bounds=(0, None))
     false_alarms: float = setting(0.1, "share of ordinary photos called screens", bounds=(0, 1))
     seed: int = setting(0, "of the examples", bounds=(0, 2**31))
     workers: int = setting(0, "processes; 0: this one", bounds=(0, 1024))

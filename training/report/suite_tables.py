@@ -6,7 +6,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from moireaug.attacks import Patch
-from moireaug.evaluation.attackers import PoseUnknownAttacker
+from moireaug.evaluation.attackers import PhotoUnknownAttacker
 from moireaug.evaluation.autoattack import QUERIES_PER_STEP
 from moireaug.evaluation.classifiers import DEFENCE_DRAWS
 from moireaug.evaluation.conditions import in_255ths
@@ -71,7 +71,7 @@ def note_of(table: Table, metrics: SuiteMetrics) -> str:
         "has_square": "square" in table.columns,
         "own": "" if metrics.scene_name.startswith("custom") else metrics.scene_name,
         "queries": QUERIES_PER_STEP * metrics.steps,
-        "shots": PoseUnknownAttacker.shots,
+        "shots": PhotoUnknownAttacker.shots,
         "steps": metrics.steps,
         "turns": "turning" in table.columns,
     }

@@ -9,7 +9,7 @@ from typing import Any
 
 from moireaug.attacks.camera import searched_fields
 from moireaug.defenses import DEFENSES, Quilting
-from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnknownAttacker
+from moireaug.evaluation.attackers import MoireAttacker, PhotoUnknownAttacker, PixelAttacker
 from moireaug.evaluation.autoattack import (
     QUERIES_PER_STEP,
     APGDAttacker,
@@ -111,10 +111,10 @@ def _is_paper_defence(name: str, defence: ImageTransform) -> bool:
 
 
 def attackers_of_the_camera(config: SuiteConfig, eps: float) -> dict[str, Condition]:
-    """Return the attackers by column who do not know the pose, and, where every scene lets it be
+    """Return the attackers by column who do not know the photo, and, where every scene lets it be
     turned, who turn the camera."""
     steps = config.steps
-    attackers: dict[str, Condition] = {"pose_unknown": PoseUnknownAttacker(eps=eps, steps=steps)}
+    attackers: dict[str, Condition] = {"photo_unknown": PhotoUnknownAttacker(eps=eps, steps=steps)}
     if parts := movable_parts(config.scene, ("view", "panel")):
         attackers["turning"] = MoireAttacker(
             eps=eps, steps=steps, variant="turns_the_camera", optimise=("noise", *parts)

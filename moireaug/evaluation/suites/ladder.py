@@ -7,7 +7,7 @@ often fools as many images as the attack.
 
 from __future__ import annotations
 
-from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnknownAttacker
+from moireaug.evaluation.attackers import MoireAttacker, PhotoUnknownAttacker, PixelAttacker
 from moireaug.evaluation.autoattack import APGDAttacker
 from moireaug.evaluation.conditions import (
     BrightPhotoWithoutMoire,
@@ -59,12 +59,12 @@ def ladder(config: SuiteConfig) -> Table:
 def full_ladder(config: SuiteConfig) -> Table:
     """Lay out the ladder with the turned image, as bright as the clean one (dimmed, it is the photo
     without moiré), and with two more attackers at the middle eps: APGD with APGD-T, and noise for
-    an unknown pose. On a model that a few steps fool, the latter took twenty times as long as the
+    an unknown photo. On a model that a few steps fool, the latter took twenty times as long as the
     Moiré Attack; one who turns the camera took two hundred times as long, and is in `standard`."""
     eps, steps = config.middle, config.steps
     conditions = {condition.name: condition for condition in ladder_conditions(config)}
     size = in_255ths(eps)
-    conditions[f"pose_unknown_{size}"] = PoseUnknownAttacker(eps=eps, steps=steps)
+    conditions[f"photo_unknown_{size}"] = PhotoUnknownAttacker(eps=eps, steps=steps)
     conditions[f"adaptive_{size}"] = APGDAttacker(eps=eps, steps=steps)
     cells = []
     for row, condition in conditions.items():
