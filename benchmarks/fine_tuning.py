@@ -55,11 +55,12 @@ CROP_AREA = (0.5, 1.0)  # of a picture
 
 @dataclass(frozen=True)
 class Effort:
-    """Side of the pictures in pixels; crops of an epoch, and epochs."""
+    """Side of the pictures in pixels; crops of an epoch, and epochs; seed of the training."""
 
     side: int = 224
     train: int = 960
     epochs: int = 2
+    seed: int = 0
 
 
 QUICK_SETTINGS = Effort(side=64, train=4, epochs=1)
@@ -116,6 +117,7 @@ def settings_of(treatment: Treatment, weights: Path, effort: Effort) -> Config:
         cfg = as_config(compose("fine_tuning", ["recipe=moire_tune"]))
     return replace(
         cfg,
+        seed=effort.seed,
         model=weights.stem,
         weights=str(weights),
         scene=treatment.scene,
@@ -214,8 +216,10 @@ def main() -> None:
     parser.add_argument(
         "--classifiers", type=Path, required=True, help="a folder of files such as resnet18.pth"
     )
+    parser.add_argument("--seed", type=int, default=0, help="of the training: order and photos")
     parser.add_argument("--only", nargs="+", choices=TREATMENTS, default=list(TREATMENTS))
     args, effort, _ = measure.begin(parser, Effort(), QUICK_SETTINGS)
+    effort = replace(effort, seed=args.seed)
     try:
         teachers = read_classifiers(args.classifiers)
         pairs = list(read_pairs(find_pairs(args.pairs)))
@@ -231,7 +235,7 @@ def main() -> None:
             for networks in tune_halves(weights, TREATMENTS[training], pairs, effort):
                 for kind, network in networks.items():
                     students.setdefault((training, kind), []).append(network)
-        rows += rows_of(name, students, judged)
+        rows += [{"seed": effort.seed} | row for row in rows_of(name, students, judged)]
     measure.publish(pd.DataFrame(rows), measure.results(args) / "fine_tuning.csv")
 
 
