@@ -41,7 +41,7 @@ class Attacker(Condition):
     control: ClassVar[bool] = False
     on_screen: ClassVar[bool] = True  # the noise is on the reading of a photo
 
-    eps: float
+    eps: float = dataclasses.field()  # or it would have the 0 of its base
     steps: int
     known_classifier: Classifier = UNDEFENDED
 

@@ -230,7 +230,7 @@ class RandomNoise(Condition):
     either end of its interval."""
 
     kind = "random"
-    eps: float
+    eps: float = dataclasses.field()  # or it would have the 0 of its base
 
     @property
     def base_name(self) -> str:

@@ -96,6 +96,8 @@ WRONG_SUITES = {  # a function of a user's, and what it is told
     # whose camera would be of another scene
     "an attack by a camera": (lambda: PixelAttacker(attack="ma", eps=0, steps=1), "one of 'pgd'"),
     "eps": (lambda: RandomNoise(eps=8), "eps is in .0, 1. units.*Divide by 255"),
+    "no eps of an attack": (lambda: MoireAttacker(steps=1), "missing .* 'eps'"),
+    "no eps of noise": (lambda: RandomNoise(), "missing .* 'eps'"),
     "a bound of cw": (lambda: PixelAttacker(attack="cw", eps=0.1, steps=1), "no bound.*got 0.1"),
     "another model to know": (
         lambda: MoireAttacker(eps=0.1, steps=1, known_classifier=Classifier("b", model=len)),
