@@ -51,7 +51,7 @@ class EvalBatch:
         shot: Shot, or of a mixture MixedShot: one draw of the condition's scene per image.
         generator: generator of the condition's own random numbers.
         lpips: `LPIPS` that measures the visibility of an attack, besides the other figures, or
-            None.
+            None, as of every `control`.
         bound: what the eps of noise on a reading counts, "codes" or "light".
         max_images: number of images that a model or defence takes at once; None takes the batch.
     """
@@ -96,7 +96,7 @@ class Condition(ABC):
     """A way to show images to a model.
 
     Args:
-        eps: bound of the noise, in [0, 1] units.
+        eps: bound of the noise, in [0, 1] units; 0 is no noise, whatever `EvalBatch.bound` is.
         targeted: whether being fooled means predicting the target's class.
         scene: scene of the photos, or a mixture; None is the evaluation's scene. Shots of one scene
             are drawn alike, so that all conditions of a scene share theirs.
@@ -149,8 +149,8 @@ class Condition(ABC):
 
     def eps_unit(self, bound: str) -> str:
         """Return what this condition's eps counts in an evaluation of that bound: "codes", "light",
-        or nothing, "", where there is no noise."""
-        return ""
+        or nothing, "", where there is no noise. Records of different units are kept apart."""
+        return bound if self.eps else ""
 
     def settings(self) -> dict[str, Any]:
         """Return all settings of this condition but its scene, as plain values; of a classifier, a
@@ -235,9 +235,6 @@ class RandomNoise(Condition):
     @property
     def base_name(self) -> str:
         return f"random_{in_255ths(self.eps)}"
-
-    def eps_unit(self, bound: str) -> str:
-        return bound
 
     def show(self, batch: EvalBatch) -> Tensor:
         shape = batch.shot.raw_shape()

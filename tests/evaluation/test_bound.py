@@ -1,6 +1,7 @@
 """What eps counts in an evaluation: in its rows, its keys, its records and its noise."""
 
 import json
+from dataclasses import dataclass
 
 import pytest
 import torch
@@ -11,10 +12,10 @@ from moireaug.attacks.bounds import bound_on_reading
 from moireaug.evaluation import evaluate, rates
 from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.classifiers import UNDEFENDED
-from moireaug.evaluation.conditions import EvalBatch, RandomNoise
+from moireaug.evaluation.conditions import Condition, EvalBatch, RandomNoise
 from moireaug.evaluation.records import EvalSetup, Records
 from moireaug.evaluation.runner import Runner
-from tests.evaluation.haze import CONDITIONS, EPS, SCENE
+from tests.evaluation.haze import CONDITIONS, EPS, SCENE, table_of
 
 
 def test_keys_of_noise_on_a_reading_have_its_bound_and_others_are_shared(known):
@@ -45,6 +46,40 @@ def test_rows_and_records_say_what_eps_counts(known, tmp_path):
     assert bounds == {"", "codes", "light"}
     with pytest.raises(ValueError, match="bound must be one of 'codes', 'light'; got 'raw'"):
         evaluate(model, batches, bound="raw", **settings)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Own(Condition):
+    """An attack of the user's, which says no more of its bound than eps."""
+
+    kind = "own"
+
+    def show(self, batch):
+        attack = MoireAttack(batch.model, scene=SCENE, eps=self.eps, steps=1, bound=batch.bound)
+        return attack(batch.images, batch.labels, shot=batch.shot).images
+
+    def measure(self, batch, images):
+        return {"level": images.mean((1, 2, 3))}
+
+
+def test_a_folder_tells_the_bounds_of_ones_own_attack_apart(known, tmp_path):
+    model, batches = known
+    levels = {}
+    for bound in ("codes", "light"):
+        frame = evaluate(
+            model,
+            batches,
+            lambda config: table_of(Own(eps=EPS)),
+            SCENE,
+            bound=bound,
+            n=2,
+            folder=tmp_path,
+            identity="m",
+            progress=False,
+        )
+        assert set(frame["bound"]) == {bound}
+        levels[bound] = frame["level"].tolist()
+    assert levels["codes"] != levels["light"]
 
 
 def test_eps_of_noise_on_the_photo_counts_codes(known):
