@@ -45,8 +45,8 @@ class EvalSetup:
             have their own.
         seed: seed of shots, targets, random starts and randomised classifiers, see `SeededBatch`.
         bound: what the eps of noise on a reading counts: "codes" or "light".
-        lpips: `visibility.LPIPS` to measure every attack with, or None. Records with and without
-            it have different keys.
+        lpips: `visibility.LPIPS` to measure every attack with, or None. An attack's records with
+            and without it have different keys.
     """
 
     scene: Scene | Mixture
@@ -61,6 +61,10 @@ class EvalSetup:
         """Return the scene of a condition's photos."""
         return self.scene if condition.scene is None else condition.scene
 
+    def lpips_of(self, condition: Condition) -> nn.Module | None:
+        """Return the LPIPS of a condition: a control has none, and shares its records."""
+        return None if condition.control else self.lpips
+
     @cached_property
     def lpips_identity(self) -> str:
         """The identity of the network that measures LPIPS."""
@@ -74,7 +78,7 @@ class EvalSetup:
             "seed": self.seed,
             "bound": condition.eps_unit(self.bound),
         }
-        if self.lpips is not None and not condition.control:
+        if self.lpips_of(condition) is not None:
             fields["lpips"] = self.lpips_identity
         return fields
 

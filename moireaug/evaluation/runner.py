@@ -172,7 +172,7 @@ class Runner:
             targets=batch.targets,
             shot=batch.shot(self.setup.scene_of(condition)),
             generator=batch.generator(CONDITION_STREAM, condition.name),
-            lpips=self.setup.lpips,
+            lpips=self.setup.lpips_of(condition),
             bound=self.setup.bound,
         )
         with restored_generators(), torch.no_grad():

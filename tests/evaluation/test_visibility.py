@@ -8,8 +8,10 @@ import torchvision
 from torchmetrics.functional.image import lpips as published
 
 from moireaug.evaluation import SuiteConfig, evaluate, rates
+from moireaug.evaluation.classifiers import UNDEFENDED
+from moireaug.evaluation.conditions import Clean
 from moireaug.evaluation.records import EvalSetup, Records
-from moireaug.evaluation.runner import Runner, jobs_of
+from moireaug.evaluation.runner import Job, Runner, jobs_of
 from moireaug.evaluation.suites.ladder import ladder
 from moireaug.evaluation.visibility import LPIPS, ssim, visibility
 from moireaug.scenes import Scene
@@ -126,6 +128,23 @@ def test_records_without_it_are_others(known, measure):
         if len(keys) == 2:
             differing.append(condition.name)
     assert differing == ["ma_4", "ma_4_targeted", "pgd_4", "apgd_4"]
+
+
+def test_a_control_whose_records_are_shared_is_given_none(known, measure):
+    class Told(Clean):
+        kind = "told"
+
+        def measure(self, batch, images):
+            return {"told": [batch.lpips is not None] * len(images)}
+
+    class ToldAttack(Told):
+        kind = "told_attack"
+        control = False
+
+    for condition, told in ((Told(), 0.0), (ToldAttack(), 1.0)):
+        runner = Runner(*known, EvalSetup(Scene(), lpips=measure), Records())
+        (_,) = runner.run([Job(condition, (UNDEFENDED,))], (0,))
+        assert runner.record(condition, UNDEFENDED, 0)["measured"]["told"] == [told] * 8
 
 
 def test_structural_similarity_is_defined_at_any_size():
