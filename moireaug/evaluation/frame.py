@@ -102,12 +102,14 @@ def _worst(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
     worst["rejected"] = ~worst["correct"] & ~worst["fooled"]
     worst["undecided"] = np.any([frame["undecided"] for frame in frames], axis=0)
     worst["seconds"] = np.sum([frame["seconds"] for frame in frames], axis=0)
+    # those of the strongest attack
+    eps, steps, bound = max(tuple(frame[["eps", "steps", "bound"]].iloc[0]) for frame in frames)
     return worst.assign(
         condition="worst",
         control=False,
-        eps=max(frame["eps"].iloc[0] for frame in frames),
-        bound=frames[-1]["bound"].iloc[0],  # attacks come last
-        steps=max(frame["steps"].iloc[0] for frame in frames),
+        eps=eps,
+        bound=bound,
+        steps=steps,
         targeted=False,
         judge=frames[0]["judge"].iloc[0],
     )

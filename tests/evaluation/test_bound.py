@@ -9,12 +9,12 @@ import torch
 from moireaug import Scene, expose
 from moireaug.attacks import MoireAttack
 from moireaug.attacks.bounds import bound_on_reading
-from moireaug.evaluation import evaluate, rates
-from moireaug.evaluation.attackers import MoireAttacker
+from moireaug.evaluation import Cell, Table, evaluate, images_frame, rates
+from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
 from moireaug.evaluation.classifiers import UNDEFENDED
-from moireaug.evaluation.conditions import Condition, EvalBatch, RandomNoise
+from moireaug.evaluation.conditions import Condition, EvalBatch, Photo, RandomNoise
 from moireaug.evaluation.records import EvalSetup, Records
-from moireaug.evaluation.runner import Runner
+from moireaug.evaluation.runner import Runner, jobs_of
 from tests.evaluation.haze import CONDITIONS, EPS, SCENE, table_of
 
 
@@ -46,6 +46,17 @@ def test_rows_and_records_say_what_eps_counts(known, tmp_path):
     assert bounds == {"", "codes", "light"}
     with pytest.raises(ValueError, match="bound must be one of 'codes', 'light'; got 'raw'"):
         evaluate(model, batches, bound="raw", **settings)
+
+
+def test_a_worst_case_states_its_strongest_attack_in_any_order(known):
+    weak = PixelAttacker(attack="pgd", eps=EPS / 2, steps=3)
+    conditions = (Photo(), weak, CONDITIONS["ma"])
+    for ordered in (conditions, conditions[::-1]):
+        table = Table("mine", (Cell("mine", "worst", ordered, worst=True),))
+        runner = Runner(*known, EvalSetup(SCENE, bound="light"), Records())
+        list(runner.run(jobs_of([table]), (0,)))
+        frame = images_frame([table], runner, (0,))
+        assert frame.loc[0, ["eps", "bound", "steps"]].tolist() == [EPS, "light", 2]
 
 
 @dataclass(frozen=True, kw_only=True)
