@@ -49,13 +49,23 @@ ARGUMENT_ADVICE = {
 
 
 class NamesForeignArguments:
-    """Base of attacks: an argument of other libraries is refused with the one that stands for it.
+    """Base of attacks: an argument of other libraries is refused with the one that stands for it,
+    and settings without their names with the way to write them.
 
     Raises:
-        TypeError: such an argument.
+        TypeError: such an argument, or such settings.
     """
 
-    def __new__(cls, *_: Any, **settings: Any) -> Self:
+    _example: ClassVar[str] = "eps=8/255"  # a setting
+
+    def __new__(cls, *unnamed: Any, **settings: Any) -> Self:
+        taken = getattr(cls, "__match_args__", ())  # the fields without a name: the model
+        if len(unnamed) > len(taken):
+            call = f"{cls.__name__}({', '.join((*taken, cls._example))})"
+            raise TypeError(
+                f"{cls.__name__} takes its settings by name, as {call}; got "
+                f"{unnamed[len(taken)]!r} without one."
+            )
         for name in settings:
             if name in ARGUMENT_ADVICE and name not in getattr(cls, "__dataclass_fields__", {}):
                 raise TypeError(

@@ -46,6 +46,7 @@ class CW(ModelAttack):
     """
 
     has_bound: ClassVar[bool] = False
+    _example: ClassVar[str] = "c=1"
 
     c: float = 1.0
     binary_search_steps: int = 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -38,6 +39,8 @@ class MultiTargeted(NamesForeignArguments):
         TypeError, ValueError: another kind of attack, or `targets` that is no whole number above 0.
     """
 
+    _example: ClassVar[str] = "targets=9"
+
     attack: Attack = field(kw_only=False)
     targets: int = 9
 
@@ -53,15 +56,21 @@ class MultiTargeted(NamesForeignArguments):
         self,
         images: Tensor,
         labels: Tensor,
+        targets: None = None,
         *,
         shot: Shot | MixedShot | None = None,
         generator: torch.Generator | None = None,
     ) -> Result:
-        """Attack a batch; arguments, Result and errors as of `Attack`, without targets.
+        """Attack a batch; arguments, Result and errors as of `Attack`, but targets are refused.
 
         Photos that a deterministic model gets wrong without an attack are returned unchanged.
         `loss` in the Result is of the last class that was tried, over the images that were left.
         """
+        if targets is not None:
+            raise ValueError(
+                "MultiTargeted chooses its own targets, the likeliest wrong classes: leave targets "
+                "out, or pass them to a call of its attack."
+            )
         run = self._run_toward_classes
         return self.attack.in_scenes(run, images, labels, None, shot, generator)
 

@@ -29,6 +29,24 @@ def test_an_argument_of_another_library_names_ours(attack, settings, sentence):
         attack(MODEL, alphas=1)
 
 
+def test_settings_without_names_are_answered_with_how_to_write_them():
+    for attack, says in (
+        (PGD, r"PGD takes .* by name, as PGD\(model, eps=8/255\); got 0\.5 without one"),
+        (SquareMoire, r"SquareMoire\(model, eps=8/255\)"),
+        (CW, r"CW\(model, c=1\)"),
+    ):
+        with pytest.raises(TypeError, match=says):
+            attack(MODEL, 0.5, 2 / 255, 10)
+    with pytest.raises(TypeError, match=r"MultiTargeted\(attack, targets=9\); got 4"):
+        MultiTargeted(PGD(MODEL), 4)
+
+
+def test_an_attack_toward_several_classes_takes_no_targets():
+    images, labels = torch.rand(4, 3, 16, 16), torch.arange(4)
+    with pytest.raises(ValueError, match="MultiTargeted chooses its own targets"):
+        MultiTargeted(PGD(MODEL))(images, labels, labels + 1)
+
+
 def test_no_advice_is_about_an_argument_of_ours():
     for attack in attacks.ATTACKS.values():
         assert ARGUMENT_ADVICE.keys().isdisjoint(attack.__dataclass_fields__)
