@@ -149,9 +149,16 @@ class MoireAttacker(Attacker):
         return [*super().name_words, self.variant, "" if self.until_fooled else EVERY_STEP]
 
     def attack_on(self, batch: EvalBatch) -> MoireAttack:
-        shared = {"variant", *(field.name for field in dataclasses.fields(Attacker))}
-        own = [field.name for field in dataclasses.fields(self) if field.name not in shared]
-        return self.moire_attack(batch, **{name: getattr(self, name) for name in own})
+        return self.moire_attack(
+            batch,
+            rule=self.rule,
+            loss=self.loss,
+            restarts=self.restarts,
+            noise_at=self.noise_at,
+            optimise=self.optimise,
+            draws=self.draws,
+            until_fooled=self.until_fooled,
+        )
 
     def eps_unit(self, bound: str) -> str:
         return bound if self.noise_at == "raw" else "codes"  # a photo is codes

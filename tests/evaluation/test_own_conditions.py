@@ -7,11 +7,12 @@ import pytest
 import torch
 
 from moireaug.evaluation import evaluate
+from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.conditions import FRAME_COLUMNS, Condition, Photo
 from moireaug.evaluation.records import RecordFolder
 from moireaug.evaluation.runner import jobs_of
-from tests.evaluation.haze import frame_of, ran, table_of
+from tests.evaluation.haze import CONDITIONS, EPS, frame_of, ran, table_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +48,22 @@ def test_a_condition_of_ones_own_may_hold_anything(make, known, tmp_path):
     assert first.missing(jobs_of([table_of(Stamped(stamp=make(0.2)))]), (0, 1)) == 2
     with pytest.raises(ValueError, match="two conditions are called 'stamped'"):
         jobs_of([table_of(again), table_of(Stamped(stamp=make(0.2)))])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noted(MoireAttacker):
+    """The Moiré Attack, with a field that is none of the attack's."""
+
+    kind = "noted"
+    note: str = ""
+
+
+def test_a_field_of_ones_own_attacker_is_no_argument_of_the_attack(known):
+    noted = Noted(eps=EPS, steps=2, note="mine")
+    answers = []
+    for attacker in (noted, CONDITIONS["ma"]):
+        answers.append(ran(known, table_of(attacker)).record(attacker, UNDEFENDED, 0)["measured"])
+    assert answers[0] == answers[1]
 
 
 UNIDENTIFIED = {
