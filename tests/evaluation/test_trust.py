@@ -1,6 +1,7 @@
 """The checks: a sound model passes them, and whatever they warn of makes them fail."""
 
 import dataclasses
+import re
 
 import pytest
 import torch
@@ -135,10 +136,12 @@ def test_nothing_right_leaves_nothing_to_check():
     assert check.verdict == "warning" and "0 % of the images are right" in check.says
 
 
-@pytest.mark.parametrize("eps", [0.6, 1.0])
-def test_any_bound_can_be_checked(eps):
+@pytest.mark.parametrize(("eps", "sizes"), [(0.6, ["76.5", "153", "255"]), (1, ["127.5", "255"])])
+def test_any_bound_can_be_checked(eps, sizes):
+    """Half of it, twice as much and 1, each once and none above 1."""
     model = Pooled()
-    assert len(verdicts(model, labelled(model), eps=eps, steps=1)) == 10
+    says = verdicts(model, labelled(model), eps=eps, steps=1)[GROWS].says
+    assert re.findall(r"at ([\d.]+)/255", says) == sizes
 
 
 def test_checks_of_another_config_are_refused():
