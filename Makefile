@@ -13,7 +13,7 @@ fit: .venv/installed
 	$(VENV)/python training/fit.py recipe=moire_at 'scene=[dashcam_at_led_sign,phone_at_laptop]' 'shrink=[1,3]' data.train=7000
 
 test: .venv/installed-all
-	@echo "make test: about 4 minutes on two cores, once everything is installed"
+	@echo "make test: 4 to 13 minutes on two cores, once everything is installed"
 	$(VENV)/ruff check .
 	$(VENV)/ruff format --check .
 	$(VENV)/mypy

@@ -25,9 +25,10 @@ SWITCHES = {
 }
 EVERYTHING = """
 import sys
-sys.settrace(lambda *given: None)
 
 import torch
+
+sys.settrace(lambda *given: None)  # as debuggers do; imports of PyTorch would take ten seconds more
 from moireaug import attacks
 from training.system import messages
 from moireaug.transforms import RandomMoire
