@@ -27,6 +27,7 @@ from moireaug.scene.expected_moire import moire_of
 from moireaug.scene.plan import Moire, Plan
 from moireaug.scene.preset_names import PresetName
 from moireaug.scene.presets import MIXTURES, PRESETS
+from moireaug.scene.sensor import MIN_SHRINK
 from moireaug.scene.shot import ShotRecord
 from moireaug.scene.shot_dict import check_shot_keys, numbers_from_dict, whole_from_dict
 from moireaug.scene.sized import NOMINAL_SIZE, parts_of_crops
@@ -158,7 +159,9 @@ class Scene(PlannedScene):
         panel, sensor = parts_of_crops(self, shrink)
         scene = replace(self, panel=panel, sensor=sensor)
         if not scene.is_crop:
-            raise ValueError("shrink must be at least 0.1; got 0. For whole photos, leave it out.")
+            raise ValueError(
+                f"shrink must be at least {MIN_SHRINK:g}; got 0. For whole photos, leave it out."
+            )
         return scene
 
     def capture(self, images: Tensor, generator: torch.Generator | None = None) -> Tensor:

@@ -55,6 +55,12 @@ def with_float(part, **fields):
     return dataclasses.replace(shot, **{part: dataclasses.replace(getattr(shot, part), **fields)})
 
 
+def unstated(name, part):
+    """The photo of a shot with a 0 where its scene, of this part, states a number."""
+    scene = Scene(**{type(part).__name__.lower(): part})
+    return capture(X, with_values(scene.sample(1, (4, 4)), {name: ONE * 0}))
+
+
 class OnGpu(torch.Generator):
     device = torch.device("cuda:0")
 
@@ -81,6 +87,20 @@ REFUSED = [
     (lambda: changed(seed=[2**63]), "seed must lie in [-2**63, 2**63)"),
     (lambda: changed(panel_scale=1.0), "panel.scale must hold 1 numbers"),
     (lambda: changed(panel_scale=[0.0]), "a shot's panel.scale must lie in [0.0001, 100000]"),
+    (
+        lambda: unstated("sensor.pitch", Sensor(pitch=(1.5, 2.0))),
+        "shot.sensor.pitch lie in [0.001, 1000]; got [0.0]. Its scene states (1.5, 2.0): draw from",
+    ),
+    (lambda: unstated("panel.width", Panel(width=9.0)), "shot.panel.width lie in [1, 100000]; got"),
+    (
+        lambda: unstated("sensor.shrink", Sensor(pitch=2.0, shrink=2.0)),
+        "shot.sensor.shrink lie in [0.1, 100]; got [0.0]. Its scene states 2.0: draw from it, or",
+    ),
+    (lambda: unstated("develop.jpeg", Develop(jpeg=9.0)), "shot.develop.jpeg lie in [1, 100]; got"),
+    (
+        lambda: Shot.from_dict({**SHOT.to_dict(), "scene": Scene(sensor=Sensor(pitch=2.0))}),
+        "a shot's sensor.pitch must lie in [0.001, 1000] sensor pixels per panel pixel; got 0.0.",
+    ),
     (lambda: changed(view_yaw=[float("nan")]), "a shot's view.yaw must lie in [-89, 89]"),
     (lambda: View(roll=2.7, pose="released"), "got 2.7. Round it, or use pose = 'camera'"),
     (lambda: Panel(layout={}), "Panel.layout must name its subpixels"),

@@ -53,7 +53,7 @@ def step_ends(shot: ShotRecord, names: Sequence[str], max_shift: float) -> Tenso
     speed = motion.abs().nan_to_num(0.0, 0.0, 0.0).amax(1).view_as(probe) / probe
     step = torch.minimum(MAX_RELATIVE_STEP * size, 1 / speed)
     order = list(numbers)
-    low, high = torch.from_numpy(limits())[:, [order.index(name) for name in names]]
+    low, high = torch.from_numpy(limits(shot.scene))[:, [order.index(name) for name in names]]
     return torch.stack([(values + step).minimum(high), (values - step).maximum(low)])
 
 

@@ -13,6 +13,13 @@ from moireaug.common.argument_checks import one_of
 from moireaug.scene.parts import PARTS
 
 R = TypeVar("R", bound=Any)
+# parts and fields that a 0 leaves unstated
+UNSTATED_AT_0 = tuple(
+    (part, name)
+    for part, kind in PARTS.items()
+    for name in kind.ranged
+    if kind.__dataclass_fields__[name].metadata["stated_from"] is not None
+)
 
 
 def values_of(record: Any) -> dict[str, Any]:
@@ -34,15 +41,30 @@ def parts_with(record: Any, numbers: Mapping[str, Any]) -> dict[str, Any]:
     return parts
 
 
+def limits(scene: Any) -> np.ndarray:
+    """Return the least and the greatest number that a shot of a scene may have of each field, in
+    the order of `values_of`: (2, fields, 1) float64. 0, which leaves some fields unstated, is none
+    of those that the scene states."""
+    values = [getattr(getattr(scene, part), field) for part, field in UNSTATED_AT_0]
+    return _limits(tuple(value != 0 for value in values))
+
+
+def limits_by_name(scene: Any) -> dict[str, tuple[float, float]]:
+    """Return `limits` as pairs by name."""
+    return dict(zip(values_of(scene), limits(scene)[..., 0].T.tolist(), strict=True))
+
+
 @functools.cache
-def limits() -> np.ndarray:
-    """Return the least and the greatest value of each field, in the order of `values_of`: (2,
-    fields, 1) float64. Of numpy: a cached tensor could belong to a fake mode of torch.compile."""
+def _limits(is_stated: tuple[bool, ...]) -> np.ndarray:
+    """Return `limits` of scenes that state these fields of `UNSTATED_AT_0`. Of numpy: a cached
+    tensor could belong to a fake mode of torch.compile."""
+    stated = dict(zip(UNSTATED_AT_0, is_stated, strict=True))
     pairs = []
-    for part in PARTS.values():
-        for name in part.ranged:
-            allowed = part.__dataclass_fields__[name].metadata
-            pairs.append((allowed["low"], allowed["high"]))
+    for part, kind in PARTS.items():
+        for name in kind.ranged:
+            allowed = kind.__dataclass_fields__[name].metadata
+            least = allowed["stated_from" if stated.get((part, name)) else "low"]
+            pairs.append((least, allowed["high"]))
     return np.array(pairs, np.float64).T[..., None]
 
 

@@ -66,11 +66,11 @@ class Develop(Part):
     resize: str = "area"
     registered: bool = True
     linear_light: bool = False
-    jpeg: Range = ranged(0.0, 0.0, 100.0)
+    jpeg: Range = ranged(0.0, 0.0, 100.0, stated_from=1.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_off_or_on("Develop.jpeg", self.jpeg, 1.0, "no JPEG")
+        check_off_or_on(self, "jpeg", "no JPEG")
         one_of("Develop.resize", self.resize, RESIZES)
         one_of("Develop.demosaic", self.demosaic, DEMOSAIC_REACH)
         if self.denoise is not None:

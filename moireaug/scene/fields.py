@@ -13,9 +13,15 @@ Range = float | tuple[float, float]
 RANGE = "a number or a (low, high) pair of numbers"
 
 
-def ranged(default: Range, low: float, high: float, unit: str = "") -> Any:
-    """Declare a field that is a number or a `(low, high)` pair inside the given bounds."""
-    return field(default=default, metadata={"low": low, "high": high, "unit": unit})
+def ranged(
+    default: Range, low: float, high: float, unit: str = "", stated_from: float | None = None
+) -> Any:
+    """Declare a field that is a number or a `(low, high)` pair inside the given bounds.
+
+    stated_from: of a field that 0 leaves unstated, the least number that states it; 0 is any above.
+    """
+    limits = {"low": low, "high": high, "unit": unit}
+    return field(default=default, metadata={**limits, "stated_from": stated_from})
 
 
 def check_number(
@@ -62,11 +68,14 @@ class Part:
     def __post_init__(self) -> None:
         for f in fields(self):
             value = getattr(self, f.name)
-            name, limits = f"{type(self).__name__}.{f.name}", f.metadata
+            name = f"{type(self).__name__}.{f.name}"
             if isinstance(f.default, bool) and not isinstance(value, bool):
                 raise TypeError(f"{name} must be True or False; got {value!r}.")
-            if "low" not in limits or (hasattr(value, "shape") and not isinstance(value, Real)):
+            if f.name not in self.ranged or (
+                hasattr(value, "shape") and not isinstance(value, Real)
+            ):
                 continue
+            limits = {key: f.metadata[key] for key in ("low", "high", "unit")}
             if isinstance(value, (tuple, list)):
                 if len(value) != 2:
                     raise ValueError(
@@ -99,9 +108,15 @@ def varies(value: Range, identity: float = 0.0) -> bool:
     return deviation(value, identity) > 0
 
 
-def check_off_or_on(name: str, value: Range, least: float, off: str) -> None:
-    """Refuse a range that mixes 0, which alone means `off`, with numbers, all of at least
-    `least`: ValueError."""
+def stated_from(part: Part, field: str) -> float:
+    """Return the least number that states a field, see `ranged`."""
+    return part.__dataclass_fields__[field].metadata["stated_from"]
+
+
+def check_off_or_on(part: Part, field: str, off: str) -> None:
+    """Refuse a range that mixes 0, which alone means `off`, with numbers that state the field:
+    ValueError."""
+    value, least = getattr(part, field), stated_from(part, field)
     if hasattr(value, "shape"):
         return
     low, high = bounds(value)
@@ -109,23 +124,24 @@ def check_off_or_on(name: str, value: Range, least: float, off: str) -> None:
         return
     allowed = f"at least {least:g}" if least else "above 0"
     raise ValueError(
-        f"{name} must be {allowed}, or 0 alone for {off}; got {value!r}. For photos with it and "
-        "without, pass a list of scenes."
+        f"{type(part).__name__}.{field} must be {allowed}, or 0 alone for {off}; got {value!r}. "
+        "For photos with it and without, pass a list of scenes."
     )
 
 
-def check_stated_once(name: str, value: Range, least: float, other: str, given: Range) -> None:
-    """Check a field, at least `least`, of which 0 means that the field `other`, 1 by default, is
-    read instead."""
+def check_stated_once(part: Part, field: str, other: str) -> None:
+    """Check a field of which 0 means that the field `other`, 1 by default, is read instead."""
+    value, given, least = getattr(part, field), getattr(part, other), stated_from(part, field)
     if hasattr(value, "shape") or hasattr(given, "shape"):
         return
-    low, high = bounds(value)
+    (low, high), kind = bounds(value), type(part).__name__
     if high and low < least:
         raise ValueError(
-            f"{name} must be at least {least:g}, or 0 to read {other} instead; got {value!r}."
+            f"{kind}.{field} must be at least {least:g}, or 0 to read {kind}.{other} instead; got "
+            f"{value!r}."
         )
     if high and given != 1.0:
         raise ValueError(
-            f"{name} and {other} say the same thing in two ways; got {value!r} and {given!r}. "
-            f"Leave one out: {other} = 1, or {name} = 0."
+            f"{kind}.{field} and {kind}.{other} say the same thing in two ways; got {value!r} and "
+            f"{given!r}. Leave one out: {kind}.{other} = 1, or {kind}.{field} = 0."
         )

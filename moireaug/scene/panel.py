@@ -36,13 +36,13 @@ class Panel(Part):
             lower edges. Ranges.
     """
 
-    width: Range = ranged(0.0, 0.0, 1e5, "panel pixels")
+    width: Range = ranged(0.0, 0.0, 1e5, "panel pixels", stated_from=1.0)
     scale: Range = ranged(1.0, 1e-4, 1e5, "panel pixels per image pixel")
     layout: str | Layout = "rgb_stripe"
     lit: Range = ranged(1.0, 1e-3, 1.0)
     lit_x: Range = ranged(1.0, 1e-3, 1.0)
     lit_y: Range = ranged(1.0, 1e-3, 1.0)
-    pwm: Range = ranged(0.0, 0.0, 1e6, "hertz")
+    pwm: Range = ranged(0.0, 0.0, 1e6, "hertz", stated_from=0.0)
     duty: Range = ranged(0.5, 1e-3, 1.0)
     phase: Range = ranged((0.0, 1.0), 0.0, 1.0, "cycles")
     black: Range = ranged(0.0, 0.0, 1.0)
@@ -52,8 +52,8 @@ class Panel(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_off_or_on("Panel.pwm", self.pwm, 0.0, "steady light")
-        check_stated_once("Panel.width", self.width, 1.0, "Panel.scale", self.scale)
+        check_off_or_on(self, "pwm", "steady light")
+        check_stated_once(self, "width", "scale")
         if isinstance(self.layout, dict):
             object.__setattr__(self, "layout", layout_from_dict(self.layout))
         if not isinstance(self.layout, Layout):

@@ -20,6 +20,7 @@ EXPOSURES = ("auto", "spectral", "box", "point", "mean", "supersample:4", "super
 CFAS = ("rggb", "none")
 READINGS = ("auto", "full", "binned")
 MIN_PITCH = 1e-3  # sensor pixels per panel pixel
+MIN_SHRINK = 0.1  # sensor pixels per photo pixel
 SHORTER_SIDE = 3 / 4  # of a sensor, over its longer one
 MAX_POINTS_PER_SIDE = 256  # of a photo pixel: more would take minutes
 
@@ -74,8 +75,8 @@ class Sensor(Part):
             through.
     """
 
-    pitch: Range = ranged(0.0, 0.0, 1e3, "sensor pixels per panel pixel")
-    shrink: Range = ranged(0.0, 0.0, 100.0, "sensor pixels per photo pixel")
+    pitch: Range = ranged(0.0, 0.0, 1e3, "sensor pixels per panel pixel", MIN_PITCH)
+    shrink: Range = ranged(0.0, 0.0, 100.0, "sensor pixels per photo pixel", MIN_SHRINK)
     pixels: float = 4032.0
     focal: float = 0.75
     crop_x: Range = ranged((0.0, 1.0), 0.0, 1.0)
@@ -87,7 +88,7 @@ class Sensor(Part):
     fill: Range = ranged(1.0, 1e-3, 1.0)
     exposure: str = "auto"
     gain: Range = ranged(1.0, 1e-3, 1000.0)
-    shutter: Range = ranged(0.0, 0.0, 3600.0, "seconds")
+    shutter: Range = ranged(0.0, 0.0, 3600.0, "seconds", stated_from=0.0)
     readout: Range = ranged(0.0, 0.0, 3600.0, "seconds")
     read_noise: Range = ranged(0.0, 0.0, 1.0)
     shot_noise: Range = ranged(0.0, 0.0, 1.0)
@@ -96,9 +97,9 @@ class Sensor(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._check_scale()
-        check_off_or_on("Sensor.shutter", self.shutter, 0.0, "no flicker")
-        check_stated_once("Sensor.pitch", self.pitch, MIN_PITCH, "Sensor.scale", self.scale)
-        check_stated_once("Sensor.shrink", self.shrink, 0.1, "Sensor.scale", self.scale)
+        check_off_or_on(self, "shutter", "no flicker")
+        check_stated_once(self, "pitch", "scale")
+        check_stated_once(self, "shrink", "scale")
         pixels = check_number("Sensor.pixels", self.pixels, 16.0, 1e5, "sensor pixels")
         object.__setattr__(self, "pixels", pixels)
         focal = check_number("Sensor.focal", self.focal, 0.1, 100.0, "of the sensor's longer side")

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from moireaug.common.numeric import is_transformed
 from moireaug.common.physics.lens import MIN_LENS_SLOPE
-from moireaug.scene.by_name import limits
+from moireaug.scene.by_name import limits, limits_by_name, values_of
 from moireaug.scene.lens import least_lens_slope
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scene.shot import ShotRecord, check_tensor
@@ -49,9 +49,9 @@ def checked_numbers(shot: ShotRecord) -> np.ndarray | None:
     if is_transformed():
         return None
     table = shot.host_numbers()
-    low, high = limits()
+    low, high = limits(shot.scene)
     if not ((table >= low) & (table <= high)).all():  # nor does NaN lie between them
-        _refuse_numbers(shot.numbers())
+        _refuse_numbers(shot)
     k1, k2 = (table[list(shot.numbers()).index(name)] for name in ("lens.k1", "lens.k2"))
     if (abs(3 * k1) + abs(5 * k2) < 1 - MIN_LENS_SLOPE).all():
         return table  # no slope can be as small
@@ -64,14 +64,16 @@ def checked_numbers(shot: ShotRecord) -> np.ndarray | None:
     return table
 
 
-def _refuse_numbers(numbers: dict[str, Tensor]) -> None:
+def _refuse_numbers(shot: ShotRecord) -> None:
     """Name the first field of which a number lies out of bounds."""
-    ends = limits()[..., 0].tolist()
-    for (name, values), least, greatest in zip(numbers.items(), *ends, strict=True):
+    numbers = shot.numbers()
+    for name, (least, greatest) in limits_by_name(shot.scene).items():
+        values = numbers[name]
         if not ((values >= least) & (values <= greatest)).all():
             raise ValueError(
                 f"a shot's numbers must be finite, and shot.{name} lie in [{least:g}, "
-                f"{greatest:g}]; got {values.tolist()}."
+                f"{greatest:g}]; got {values.tolist()}. Its scene states "
+                f"{values_of(shot.scene)[name]!r}: draw from it, or change the scene."
             )
 
 

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from moireaug.common.argument_checks import one_of
+from moireaug.scene.by_name import limits_by_name
 from moireaug.scene.draws import check_size
 from moireaug.scene.fields import check_number
 from moireaug.scene.parts import PARTS
@@ -42,7 +43,7 @@ def numbers_from_dict(
         raise ValueError(f"a shot's seed must be a list of whole numbers; got {seed!r}.")
     if not all(-(2**63) <= s < 2**63 for s in seed):
         raise ValueError(f"a shot's seed must lie in [-2**63, 2**63), 64 bits; got {seed!r}.")
-    numbers = {}
+    numbers, allowed = {}, limits_by_name(scene)
     for part in PARTS:
         given, fields = values[part], getattr(scene, part)
         if not isinstance(given, Mapping):
@@ -50,13 +51,14 @@ def numbers_from_dict(
         for name in given:
             one_of(f"a field of a shot's {part}", name, fields.ranged)
         for name in fields.ranged:
-            row, allowed = given.get(name), fields.__dataclass_fields__[name].metadata
+            row, unit = given.get(name), fields.__dataclass_fields__[name].metadata["unit"]
+            ends = allowed[f"{part}.{name}"]
             if not isinstance(row, list | tuple) or len(row) != len(seed):
                 raise ValueError(
                     f"a shot's {part}.{name} must hold {len(seed)} numbers, one per image of its "
                     f"seed list; got {row!r}."
                 )
-            checked = [check_number(f"a shot's {part}.{name}", x, **allowed) for x in row]
+            checked = [check_number(f"a shot's {part}.{name}", x, *ends, unit) for x in row]
             numbers[f"{part}.{name}"] = torch.tensor(checked, dtype=torch.float64, device="cpu")
     return numbers, torch.tensor(seed, dtype=torch.int64, device="cpu")
 

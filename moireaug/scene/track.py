@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from moireaug.common.argument_checks import check_real
-from moireaug.scene.by_name import limits, parts_with, values_of, with_values
+from moireaug.scene.by_name import limits_by_name, parts_with, values_of, with_values
 from moireaug.scene.draws import MAX_CACHED_SCENES
 from moireaug.scene.fields import bounds
 from moireaug.scene.geometry.grids import points_in_photo
@@ -134,7 +134,7 @@ def _with_numbers(
 ) -> ShotRecord:
     """Return a shot of a scene with other numbers, kept within what their fields allow."""
     allowed = {}
-    for name, low, high in zip(numbers, *limits()[..., 0].tolist(), strict=True):
+    for name, (low, high) in limits_by_name(scene).items():
         allowed[name] = numbers[name].clamp(low, high)
     return dataclasses.replace(shot, scene=scene, seed=seed, **parts_with(shot, allowed))
 
@@ -171,7 +171,7 @@ def filmed_by(scene: SceneRecord, hand: Hand) -> SceneRecord:
             f"in degrees, must sum to less than 1; got {nearer:.2g}. Lower them."
         )
     values, wider = values_of(scene), {}
-    for name, low, high in zip(values, *limits()[..., 0].tolist(), strict=True):
+    for name, (low, high) in limits_by_name(scene).items():
         least, most = bounds(values[name])
         if name in ("view.zoom", "sensor.pitch"):
             least, most = least * (1 - nearer), most * (1 + nearer)

@@ -96,6 +96,7 @@ def test_kornia_replays_no_draw_of_another_kind(many):
     for drawn, replayed, said in (
         ("screen_photo", LISTED, "drawn by a transform of one scene"),
         (LISTED, "screen_photo", "drawn by a transform of a list of scenes"),
+        (Scene(), "screen_photo", "got .* Its scene states .*: draw from it"),
     ):
         params = kornia.RandomMoire(drawn, p=1).forward_parameters(many.shape)
         with pytest.raises(ValueError, match=said):
