@@ -127,7 +127,7 @@ class Scene(PlannedScene):
 
         Raises:
             TypeError, ValueError: as `sample`; frames that are no whole number of at least 1; a
-                scene with View.pose = "released".
+                scene with View.pose = "released"; a hand that may move the pose too far.
         """
         check_whole("frames", frames, 1)
         return track_of(self.sample(n, size, generator), [frames] * n, hand)

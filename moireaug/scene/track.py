@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -118,25 +118,20 @@ def _filmed(start: ShotRecord, frames: Tensor, hand: Hand) -> ShotRecord:
     for column, name in enumerate(MOVED_FIELDS):
         step = torch.from_numpy(motion[:, column].copy()).to(start.device)
         numbers[name] = numbers[name] + (step * numbers[name] if name == "view.zoom" else step)
+    numbers["view.roll"] -= 360 * (numbers["view.roll"] / 360).round()
     numbers["panel.phase"] = (numbers["panel.phase"] + numbers["panel.pwm"] * seconds) % 1.0
-    moved = _with_numbers(start, scene, numbers, start.seed + frames)
+    seed = start.seed + frames
+    moved = dataclasses.replace(start, scene=scene, seed=seed, **parts_with(start, numbers))
     # the sensor stays as it is: nearer, it has more pixels for a panel pixel
     numbers["sensor.pitch"] = numbers["sensor.pitch"] * moved.magnification / start.magnification
     if start.scene.is_crop:  # it follows its part of the screen
         across, down = _travelled(start, moved)
         numbers["sensor.crop_x"] = numbers["sensor.crop_x"] + across
         numbers["sensor.crop_y"] = numbers["sensor.crop_y"] + down
-    return _with_numbers(start, scene, numbers, moved.seed)
-
-
-def _with_numbers(
-    shot: ShotRecord, scene: SceneRecord, numbers: Mapping[str, Tensor], seed: Tensor
-) -> ShotRecord:
-    """Return a shot of a scene with other numbers, kept within what their fields allow."""
-    allowed = {}
-    for name, (low, high) in limits_by_name(scene).items():
-        allowed[name] = numbers[name].clamp(low, high)
-    return dataclasses.replace(shot, scene=scene, seed=seed, **parts_with(shot, allowed))
+    allowed = limits_by_name(scene)
+    for name in ("sensor.pitch", "sensor.crop_x", "sensor.crop_y"):  # which follow the pose
+        numbers[name] = numbers[name].clamp(*allowed[name])
+    return moved.with_numbers(numbers, seed)
 
 
 def _travelled(start: ShotRecord, moved: ShotRecord) -> tuple[Tensor, Tensor]:
@@ -154,7 +149,7 @@ def _travelled(start: ShotRecord, moved: ShotRecord) -> tuple[Tensor, Tensor]:
 @functools.lru_cache(maxsize=MAX_CACHED_SCENES)
 def filmed_by(scene: SceneRecord, hand: Hand) -> SceneRecord:
     """Return a scene whose ranges hold what a hand makes of its draws; one with View.pose =
-    "released", and a hand that may reach the screen, are refused: ValueError."""
+    "released", and a hand that may move a field further than it goes, are refused: ValueError."""
     if not hand.amplitudes().any():
         return scene
     if scene.view.pose != "camera":
@@ -165,11 +160,6 @@ def filmed_by(scene: SceneRecord, hand: Hand) -> SceneRecord:
     reach = dict(zip(MOVED_FIELDS, 2 * PEAK * hand.amplitudes(), strict=True))
     # nearer by its own motion, and by View.fit, which keeps a turned picture in the photo
     nearer = reach["view.zoom"] + math.radians(reach["view.roll"])
-    if nearer >= 1 and scene.sensor.pitch:
-        raise ValueError(
-            f"{hand!r} may move the camera into the screen: 5.7 times `zoom`, and 0.1 times `turn` "
-            f"in degrees, must sum to less than 1; got {nearer:.2g}. Lower them."
-        )
     values, wider = values_of(scene), {}
     for name, (low, high) in limits_by_name(scene).items():
         least, most = bounds(values[name])
@@ -177,6 +167,15 @@ def filmed_by(scene: SceneRecord, hand: Hand) -> SceneRecord:
             least, most = least * (1 - nearer), most * (1 + nearer)
         elif name in reach:
             least, most = least - reach[name], most + reach[name]
+        if name == "view.roll" and (least < low or most > high):  # it goes on at the other end
+            least, most = low, high
+        if name in reach and (least < low or most > high):
+            raise ValueError(
+                f"{hand!r} may move {name} to numbers in [{least:.3g}, {most:.3g}], where "
+                f"[{low:g}, {high:g}] is allowed: by up to 5.7 times Hand.{MOVED_FIELDS[name]} "
+                "and, of the zoom, 0.1 times Hand.turn. Lower these, or narrow the scene's range, "
+                f"{values[name]!r}."
+            )
         wider[name] = max(least, low), min(most, high)
     if scene.is_crop:
         wider["sensor.crop_x"] = wider["sensor.crop_y"] = 0.0, 1.0

@@ -127,12 +127,33 @@ def test_what_no_hand_can_film_is_refused():
             Hand(**wrong)
     with pytest.raises(ValueError, match="frames"):
         track(CROP, frames=0)
-    for far in (Hand(turn=11.0), Hand(zoom=0.2)):
-        with pytest.raises(ValueError, match="into the screen"):
-            track(PHONE, hand=far)
 
 
-def test_ranges_end_where_their_fields_do():
-    steep = with_values(CROP, {"view.yaw": (88.9, 89.0), "sensor.crop_x": (0.0, 0.01)})
-    shot = track(steep, hand=Hand(turn=5.0))
-    assert shot.view.yaw.max() <= 89.0 and shot.sensor.crop_x.min() >= 0.0
+def test_a_hand_that_moves_further_than_fields_go_is_refused():
+    for scene, far, named in (
+        (PHONE, Hand(turn=11.0), r"view.zoom to numbers in \[-0.0974, "),
+        (Scene(), Hand(zoom=0.5), r"view.zoom to numbers in \[-1.85, 3.85\], where \[0.001, 100\]"),
+        (Scene(), Hand(turn=60.0), r"view.yaw to numbers in \[-339, 339\], where \[-89, 89\]"),
+        (with_values(CROP, {"view.yaw": (88.9, 89.0)}), HAND, r"or narrow .* \(88.9, 89.0\)"),
+    ):
+        with pytest.raises(ValueError, match=named):
+            track(scene, hand=far)
+
+
+def test_every_camera_that_is_held_is_filmed_by_hand():
+    for name in Scene.presets():
+        scene = Scene.preset(name)
+        if scene.view.pose == "camera":
+            track(scene)
+
+
+def test_a_roll_goes_on_past_half_a_turn():
+    shot = track(Scene(view=View(roll=180.0)), frames=60, hand=Hand(turn=3.0))
+    assert shot.view.roll.abs().max() <= 180 and shot.view.roll.abs().min() > 150
+    assert (shot.view.roll < 0).any() and (shot.view.roll > 0).any()
+
+
+def test_a_crop_stops_at_the_edge_of_its_photo():
+    edge = with_values(CROP, {"sensor.crop_x": (0.0, 0.01)})
+    shot = track(edge, frames=30, hand=Hand(turn=5.0))
+    assert shot.sensor.crop_x.min() == 0.0
