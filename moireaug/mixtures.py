@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from moireaug.scene.draws import check_size, numbers_needed, random_numbers
+from moireaug.scene.draws import check_random_numbers, check_size, numbers_needed, random_numbers
 from moireaug.scene.mixed_shot import MixedShot, rows_by_scene
 from moireaug.scene.plan import Plan
 from moireaug.scene.preset_names import MixtureName, PresetName
@@ -42,10 +42,16 @@ class Mixture:
     def random_numbers(self, n: int, generator: torch.Generator | None = None) -> Tensor:
         """Return the random numbers of `n` images: one that chooses the scene, and those of the
         scene that takes most."""
-        return random_numbers(n, 1 + max(map(numbers_needed, self.scenes)), generator)
+        return random_numbers(n, self._numbers_needed, generator)
+
+    @property
+    def _numbers_needed(self) -> int:
+        return 1 + max(map(numbers_needed, self.scenes))
 
     def draw(self, u: Tensor, size: tuple[int, int]) -> MixedShot[Shot]:
-        """Return the draw that `random_numbers` give of images of `size` (height, width)."""
+        """Return the draw that `random_numbers` give of images of `size` (height, width); others
+        are refused: ValueError."""
+        check_random_numbers(u, self._numbers_needed)
         self.plan_effects(size)  # refuses a scene that cannot be photographed, drawn or not
         scene_index = (u[:, 0] * len(self.scenes)).long()
         parts = rows_by_scene(scene_index, len(self.scenes))

@@ -138,7 +138,8 @@ class Scene(PlannedScene):
         return random_numbers(n, numbers_needed(self), generator)
 
     def draw(self, u: Tensor, size: tuple[int, int]) -> Shot:
-        """Return the shot that `random_numbers` give of images of `size` (height, width)."""
+        """Return the shot that `random_numbers` give of images of `size` (height, width); others
+        are refused: ValueError."""
         return self.shot_from_numbers(size, *draw_numbers(self, u))
 
     def shot_from_numbers(

@@ -28,6 +28,7 @@ from moireaug.transforms import RandomMoire
 
 X = torch.rand(1, 3, 4, 4)
 SHOT, ONE = Scene().sample(1, (4, 4)), torch.ones(1, dtype=torch.float64)
+RANGED = Scene(view=View(yaw=(0.0, 9.0), pitch=(0.0, 9.0), roll=(0.0, 9.0)))
 MIXED = Mixture((Scene(), Scene())).sample(1, (4, 4))
 
 
@@ -120,6 +121,18 @@ REFUSED = [
     (lambda: Scene().sample(1, (0, 8)), "at least 1 x 1 pixels"),
     (lambda: Scene().sample(1, 8), "in whole numbers; got 8"),
     (lambda: capture(X, SHOT, torch.full((1, 4, 2, 2), torch.nan)), "finite"),
+    (
+        lambda: RANGED.draw(torch.zeros(3, 2, dtype=torch.float64), (4, 4)),
+        "takes random numbers of the shape (n, 5), for n images; got (3, 2). Get them from",
+    ),
+    (lambda: RANGED.draw(torch.zeros(5, dtype=torch.float64), (4, 4)), "(n, 5), for n images; got"),
+    (
+        lambda: RANGED.draw(torch.tensor([[0.0, -0.5, 0.5, 3.0, 0.0]]), (4, 4)),
+        "random numbers to draw from must lie in [0, 1); got -0.5 to 3. Get them from",
+    ),
+    (lambda: RANGED.draw(torch.full((1, 5), torch.nan), (4, 4)), "must lie in [0, 1); got nan"),
+    (lambda: Mixture((RANGED, RANGED)).draw(torch.zeros(1, 7), (4, 4)), "(n, 6), for n images"),
+    (lambda: Mixture((RANGED, RANGED)).draw(torch.ones(1, 6), (4, 4)), "[0, 1); got 1 to 1"),
     (lambda: Scene().sample(1, (4, 4), OnGpu()), "got a generator on cuda:0"),
 ]
 

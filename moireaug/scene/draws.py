@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from moireaug.common.numeric import is_transformed
 from moireaug.scene.by_name import values_of
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
@@ -117,14 +118,30 @@ def numbers_needed(scene: SceneRecord) -> int:
     return len(draw_table(scene).ranges) + 1
 
 
+def check_random_numbers(u: Tensor, count: int) -> None:
+    """Refuse, with a ValueError, anything but `count` numbers in [0, 1) for each image, (n, count);
+    values that are hidden in a graph pass."""
+    if u.ndim != 2 or u.shape[1] != count:
+        raise ValueError(
+            f"this draw takes random numbers of the shape (n, {count}), for n images; got "
+            f"{tuple(u.shape)}. Get them from random_numbers(n) of what draws."
+        )
+    if not is_transformed() and not ((u >= 0) & (u < 1)).all():
+        raise ValueError(
+            f"random numbers to draw from must lie in [0, 1); got {u.min().item():g} to "
+            f"{u.max().item():g}. Get them from random_numbers(n) of what draws."
+        )
+
+
 def draw_numbers(scene: SceneRecord, u: Tensor) -> tuple[dict[str, Tensor], Tensor]:
     """Return the ranged fields by name, such as "view.yaw", (n,) float64 each, and seeds, (n,)
-    int64, from uniform numbers `u` (n, numbers_needed(scene)): 0 is the low end of a range, 1 the
-    high end; the last column gives the seeds.
+    int64, from uniform numbers `u` (n, numbers_needed(scene)) in [0, 1), of which 0 is the low end
+    of a range, and the last column gives the seeds; refuse others with a ValueError.
 
     Only ranges take random numbers: the value of a fixed field does not change the others' draws.
     """
     table = draw_table(scene)
+    check_random_numbers(u, len(table.ranges) + 1)
     values = table.low.repeat(len(u), 1)
     values[table.ranges] += table.width * u[:, :-1].mT.numpy()
     numbers = {}
