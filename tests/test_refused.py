@@ -29,6 +29,7 @@ from moireaug.transforms import RandomMoire
 X = torch.rand(1, 3, 4, 4)
 SHOT, ONE = Scene().sample(1, (4, 4)), torch.ones(1, dtype=torch.float64)
 RANGED = Scene(view=View(yaw=(0.0, 9.0), pitch=(0.0, 9.0), roll=(0.0, 9.0)))
+PART = Scene(panel=Panel(width=90.0)).sample(1, (64, 64)).crop(4, 5, 8, 8)
 MIXED = Mixture((Scene(), Scene())).sample(1, (4, 4))
 
 
@@ -81,6 +82,12 @@ REFUSED = [
     ),
     (lambda: changed(size=[8, 8, 8]), "in whole numbers; got [8, 8, 8]"),
     (lambda: changed(size=[0, -1]), "at least 1 x 1 pixels"),
+    (
+        lambda: dataclasses.replace(PART, size=(100, 100)),
+        "a part must lie within the image of 64 x 64 pixels; got 100 x 100 from row 4 and column 5",
+    ),
+    (lambda: PART.crop(0, 0, 9, 8), "a part must lie within the image of 8 x 8 pixels; got 9 x 8"),
+    (lambda: dataclasses.replace(PART, scene=Scene()), "a part needs a binned reading"),
     (lambda: dataclasses.replace(SHOT, size=(4, 4, 4)), "in whole numbers; got (4, 4, 4)"),
     (lambda: changed(seed=5), "seed must be a list of whole numbers; got 5"),
     (lambda: changed(seed=[1.5]), "seed must be a list of whole numbers; got [1.5]"),

@@ -84,6 +84,8 @@ class ShotRecord(Draws, ShotGeometry[Tensor]):
         """Check the drawn numbers, bring those of another dtype to float64, differentiably, and the
         size to a tuple."""
         object.__setattr__(self, "size", check_size(self.size))
+        if self.part_of is not None:
+            self._check_part(self.part_of.size, self.corner, self.size)
         if self.scene.is_crop and self.view.fit:  # which is not read: its screen goes on
             object.__setattr__(self, "view", self.view.drawn({"fit": False}))
         numbers = values_of(self)
@@ -148,7 +150,15 @@ class ShotRecord(Draws, ShotGeometry[Tensor]):
                 "a part's top, left, height and width must be whole numbers of pixels; got "
                 f"{given}. Divide by //."
             ) from None
-        h, w = self.size
+        self._check_part(self.size, (top, left), (height, width))
+        whole = WholeImage(self.whole_size, (self.corner[0] + top, self.corner[1] + left))
+        return dataclasses.replace(self, size=(height, width), part_of=whole)
+
+    def _check_part(
+        self, whole: tuple[int, int], corner: tuple[int, int], size: tuple[int, int]
+    ) -> None:
+        """Refuse, with a ValueError, a part that an image does not hold, or of a full reading."""
+        (h, w), (top, left), (height, width) = whole, corner, size
         if not (0 <= top < top + height <= h and 0 <= left < left + width <= w):
             raise ValueError(
                 f"a part must lie within the image of {h} x {w} pixels; got {height} x {width} "
@@ -159,8 +169,6 @@ class ShotRecord(Draws, ShotGeometry[Tensor]):
                 "a part needs a binned reading, whose scene states Panel.width, Sensor.pitch or "
                 "Sensor.shrink; this shot's is full. Capture the image, and cut the photo."
             )
-        whole = WholeImage(self.whole_size, (self.corner[0] + top, self.corner[1] + left))
-        return dataclasses.replace(self, size=(height, width), part_of=whole)
 
     @property
     def distortion(self) -> tuple[Tensor, Tensor] | None:
