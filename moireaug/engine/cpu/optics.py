@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from moireaug.engine.cpu.compiling import jit, jit_in_place
+from moireaug.engine.cpu.physics import optics
 from moireaug.engine.cpu.view import jacobian
 
 # of a table whose error is below any budget: at most 2e-6, as that of every table of the kernels
@@ -27,16 +28,9 @@ def transfer_steps(most):
 def transfer_table(camera, most, steps):
     """Return the modulation transfer along one axis at steps + 2 frequencies in cycles per sensor
     pixel, from 0 to `most` and one step beyond."""
-    out = np.empty(steps + 2, np.float64)
+    out, still = np.empty(steps + 2, np.float64), (camera.fill, camera.blur, camera.olpf, 0.0, 0.0)
     for i in range(steps + 2):
-        f = i * most / steps
-        t = math.pi * camera.fill * f
-        aperture = math.sin(t) / t if t > 1e-9 else 1.0
-        out[i] = (
-            aperture
-            * math.exp(-2 * math.pi * math.pi * camera.blur * camera.blur * f * f)
-            * math.cos(math.pi * camera.olpf * f)
-        )
+        out[i] = optics.transfer(i * most / steps, 0.0, still)
     return out
 
 

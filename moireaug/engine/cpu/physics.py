@@ -20,6 +20,11 @@ def _shifted(x, bits):
     return np.uint32(x >> np.uint32(bits))
 
 
+@jit_in_place
+def _cos_pi(x):
+    return math.cos(math.pi * x)
+
+
 OPERATIONS = {
     "where": _where,
     "maximum": max,
@@ -27,6 +32,7 @@ OPERATIONS = {
     "absolute": abs,
     "sqrt": math.sqrt,
     "ceil": math.ceil,
+    "cos_pi": _cos_pi,
     "wrapped": np.uint32,  # numba would widen to 64 bits
     "shifted": _shifted,
     "ONE": np.float32(1),
@@ -36,6 +42,7 @@ OPERATIONS = {
 bins = bind("bins", OPERATIONS, jit_in_place)
 footprint = bind("footprint", OPERATIONS, jit_in_place)
 lens = bind("lens", OPERATIONS, jit_in_place)
+optics = bind("optics", OPERATIONS, jit_in_place)
 panel = bind("panel", OPERATIONS, jit_in_place)
 sensor = bind("sensor", OPERATIONS, jit_in_place)
 tone = bind("tone", OPERATIONS, jit_in_place)
