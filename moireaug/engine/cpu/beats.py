@@ -145,19 +145,6 @@ def _blend(out, lines, start, weight):
 
 
 @jit_in_place
-def _interpolate(out, values, ends, weight):
-    """Do the same as `harmonics.interpolate_line`, and as fast for a single row."""
-    for j in range(len(ends) - 1):
-        low, high = ends[j], ends[j + 1]
-        line, a, b, c, d = out[low:high], values[j], values[j + 1], values[j + 2], values[j + 3]
-        first, second = weight[0, low:high], weight[1, low:high]
-        third, fourth = weight[2, low:high], weight[3, low:high]
-        for i in range(len(line)):
-            left = a * load(first, i) + b * load(second, i)
-            store(line, i, left + (c * load(third, i) + d * load(fourth, i)))
-
-
-@jit_in_place
 def _fill_amplitude(out, nodes, terms, line, lines, weight):
     """Fill out (w,) with a term's amplitudes on a row.
 
@@ -170,7 +157,7 @@ def _fill_amplitude(out, nodes, terms, line, lines, weight):
         _blend(out, lines, line * width, weight)
     else:
         _blend(nodes[:width], lines, line * width, weight)
-        _interpolate(out, nodes, terms.ends, terms.weight)
+        harmonics.interpolate_line(out, nodes, terms.ends, terms.weight)
 
 
 @jit_in_place

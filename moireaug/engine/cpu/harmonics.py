@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from moireaug.engine.cpu.compiling import fill, jit, jit_in_place
-from moireaug.engine.cpu.vectors import add, load, store
+from moireaug.engine.cpu.vectors import load, store
 
 KIND, K, L, SINE = 0, 1, 2, 3
 ONE, TWO, ZERO = np.float32(1), np.float32(2), np.float32(0)
@@ -90,11 +90,14 @@ def interpolate_line(line, values, ends, weight):
         ends: (cols - 2,) int64, of the pixels on the cubics through nodes 0 to 3, 1 to 4, and so
             on: the first pixel of each, and n. weight: (4, n) float32, of the cubics' nodes.
     """
-    fill(line, ZERO)
     for j in range(len(ends) - 1):
         low, high = ends[j], ends[j + 1]
-        for i in range(4):
-            add(line[low:high], weight[i, low:high], values[j + i])
+        out, a, b, c, d = line[low:high], values[j], values[j + 1], values[j + 2], values[j + 3]
+        first, second = weight[0, low:high], weight[1, low:high]
+        third, fourth = weight[2, low:high], weight[3, low:high]
+        for i in range(len(out)):
+            left = a * load(first, i) + b * load(second, i)
+            store(out, i, left + (c * load(third, i) + d * load(fourth, i)))
 
 
 @jit_in_place
