@@ -1,6 +1,10 @@
 """Each model and data set has folders of its own; a baseline that is damaged is trained again."""
 
+import errno
 import json
+import os
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from lightning.fabric.utilities.exceptions import MisconfigurationException
@@ -78,6 +82,49 @@ def test_a_damaged_baseline_is_trained_again(torn, role, recipe, tmp_path, monke
     runs[0].prepare()
     assert not any(folder.iterdir())
     assert len(list(folder.parent.glob("seed0-*"))) == 1, "nothing is lost"
+
+
+@pytest.fixture
+def finished(tmp_path):
+    """A finished run, as far as its files say."""
+    run = Run(configured("recipe=clean", *TINY, f"runs={tmp_path}"))
+    folder = put(tmp_path)
+    metrics = run_metrics(run.config, frontier_runs.cost(1.0, "random"), None)
+    replace(metrics, reattack=[]).write(folder)
+    assert run.stage() == "finished"
+    return run
+
+
+def test_a_failed_read_moves_no_run(finished, monkeypatch):
+    def fail(path, **settings):
+        raise OSError(errno.EIO, os.strerror(errno.EIO), str(path))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "read_text", fail)
+        with pytest.raises(OSError, match=os.strerror(errno.EIO)):
+            finished.prepare()
+    assert finished.stage() == "finished"
+    assert [path.name for path in finished.folder.parent.iterdir()] == ["seed0"]
+
+
+DEEP = f"scene: {'[' * 300}{']' * 300}"
+
+
+@pytest.mark.parametrize("text", ["data: 3", "nothing: 3", "1: 2", "- a", "\0", DEEP])
+def test_settings_that_are_no_runs_are_of_another_training(text, finished):
+    (finished.folder / "config.yaml").write_text(text)
+    assert finished.stage() == "other"
+
+
+@pytest.mark.parametrize("config", [None, 3, "text", [], {}, {"data": 3}, {"nothing": 3}])
+def test_metrics_whose_settings_are_no_runs_are_of_another_test(config, finished):
+    path = finished.folder / "metrics.json"
+    metrics = json.loads(path.read_text())
+    path.write_text(json.dumps(metrics | {"config": config}))
+    assert finished.stage() == "trained"
+    del metrics["config"]
+    path.write_text(json.dumps(metrics))
+    assert finished.stage() == "trained"
 
 
 def test_a_setting_that_cannot_be_used_moves_no_run(tmp_path):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.common.files import write_text
 from training.config.schema import RECIPES, Adversary, Config, RunConfig, Train
@@ -35,6 +36,8 @@ from training.system.processes import is_first
 
 PLAIN_RECIPES = ("clean", "baseline")  # without an adversary: the others are compared with them
 RESULT_KEYS = {"reattack", "test"}  # of metrics.json: a classifier's, a demoiréing network's
+# what `read_settings` and OmegaConf raise for values that are no run's settings
+NO_SETTINGS_ERRORS = (ValueError, TypeError, KeyError, RecursionError, OmegaConfBaseException)
 Settings = TypeVar("Settings", bound=RunConfig)
 
 
@@ -143,18 +146,22 @@ class Run(Generic[Settings]):
         try:
             settings = result_settings(metrics["config"], type(self.config))
             return result_fingerprint(settings) == self.fingerprint
-        except Exception:  # not a run's settings
+        except NO_SETTINGS_ERRORS:
             return False
 
     def _training_fingerprint_in_folder(self) -> str | None:
         """Return the fingerprint of the training in the folder; None for none, "damaged" where its
-        settings cannot be read."""
+        settings are not YAML, or not a run's.
+
+        Raises:
+            OSError: they cannot be read now, and may be whole.
+        """
         try:
             values, schema = read_settings(self.folder / SETTINGS), type(self.config)
             return training_fingerprint(result_settings(values, schema), schema)
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             return None
-        except Exception:  # not YAML, or not a run's
+        except NO_SETTINGS_ERRORS:
             return "damaged"
 
 
