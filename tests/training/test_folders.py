@@ -95,10 +95,16 @@ def finished(tmp_path):
     return run
 
 
-def test_a_failed_read_moves_no_run(finished, monkeypatch):
-    def fail(path, **settings):
-        raise OSError(errno.EIO, os.strerror(errno.EIO), str(path))
+@pytest.mark.parametrize("name", ["config.yaml", "metrics.json"])
+def test_a_failed_read_moves_and_deletes_nothing(name, finished, monkeypatch):
+    read_text = Path.read_text
 
+    def fail(path, **settings):
+        if path.name == name:
+            raise OSError(errno.EIO, os.strerror(errno.EIO), str(path))
+        return read_text(path, **settings)
+
+    (finished.folder / "last.ckpt").touch()
     with monkeypatch.context() as patch:
         patch.setattr(Path, "read_text", fail)
         with pytest.raises(OSError, match=os.strerror(errno.EIO)):

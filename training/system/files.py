@@ -121,10 +121,14 @@ def _digest(path: str, size: int, modified_ns: int) -> str:
 
 
 def read_json(path: Path) -> dict[str, Any] | None:
-    """Read a JSON file that holds a mapping; None where it is missing or damaged."""
+    """Read a JSON file that holds a mapping; None where it is missing or damaged.
+
+    Raises:
+        OSError: it is there and cannot be read.
+    """
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+    except (FileNotFoundError, NotADirectoryError, ValueError, RecursionError):
         return None
     return values if isinstance(values, dict) else None
 
