@@ -29,6 +29,10 @@ def fail_in_one(folder):
     raise ConnectionError("another process of this run was lost")
 
 
+def fail():
+    raise ValueError("of a bug")
+
+
 def hold(folder, ready):
     """Lock a run's folder, start a worker, say so and wait."""
     with locked_folder(folder):

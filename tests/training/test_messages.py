@@ -12,7 +12,8 @@ from torch._utils import ExceptionWrapper
 from tqdm import tqdm
 
 from moireaug.synthesis.pictures import NoPictureError
-from tests.training.small import TINY, configured, inside
+from tests.training import rank_jobs
+from tests.training.small import TINY, command, configured, inside
 from tests.training.strangers import attack, put
 from training import fit
 from training.attack import subject
@@ -75,6 +76,27 @@ def test_what_a_worker_says_is_told_without_its_traceback(kind):
         except kind:
             ExceptionWrapper(where="in DataLoader worker process 0").reraise()
     assert "Traceback" in str(error.value) and sentence(error.value) == "none: of them."
+
+
+@pytest.mark.parametrize("asked", ["1", "0"])
+def test_a_traceback_is_printed_where_it_is_asked_for(asked, tmp_path, monkeypatch):
+    """Of a job of Hydra, which sets the same variable itself."""
+    monkeypatch.setenv("HYDRA_FULL_ERROR", asked)
+    failed = command("fit.py", "recipe=clean", "train.epochs=0", cwd=tmp_path)
+    assert failed.returncode == 1
+    assert failed.stderr.endswith(
+        "\nerror: train.epochs must be at least 1; got 0.\n"[asked == "0" :]
+    )
+    assert ("Traceback" in failed.stderr and "_check_number" in failed.stderr) == (asked == "1")
+
+
+def test_every_command_prints_tracebacks(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(messages, "SHOWS_TRACEBACKS", True)
+    with pytest.raises(SystemExit, match="error: of a bug"), plain_commands.report_errors(""):
+        rank_jobs.fail()
+    assert "in fail\n" in capsys.readouterr().err
+    refused = inside("fit.py", "recipe=clean", "train.epoch=1", cwd=tmp_path)
+    assert "Traceback" in refused.stderr and "error: " in refused.stderr
 
 
 BUS_ERROR = (

@@ -24,7 +24,7 @@ from training.data.load import load
 from training.demoireing import fit as demoireing  # noqa: F401  # registers its settings with Hydra
 from training.demoireing.train import module_of
 from training.runs.run import Run
-from training.system import processes
+from training.system import messages, processes
 from training.system.messages import status_of
 from training.trainer import ranks
 from training.trainer.make import EndOnSigterm
@@ -73,10 +73,12 @@ def test_a_process_that_waits_for_a_lost_one_ends_too(tmp_path, capfd):
 
 
 @pytest.mark.usefixtures("forked")
-def test_of_several_processes_the_one_that_failed_first_speaks(tmp_path):
+def test_of_several_processes_the_one_that_failed_first_speaks(tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(messages, "SHOWS_TRACEBACKS", True)
     advice = "No space left on device.*: fix this, and resume with the same command"
     with pytest.raises(ranks.RankError, match=advice):
         ranks.run_job(Trainer(accelerator="cpu", devices=2), rank_jobs.fail_in_one, tmp_path)
+    assert "in fail_in_one\n" in capfd.readouterr().err
 
 
 def test_no_process_too_many_is_started(monkeypatch):

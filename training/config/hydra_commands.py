@@ -24,6 +24,7 @@ from training.system.messages import (
     is_expected,
     prepare_output,
     print_error,
+    print_traceback,
     sentence,
     status_of,
 )
@@ -58,6 +59,7 @@ def run(
     overrides.sort(key=lambda argument: argument not in SWEEP_FLAGS)
     _command_line[:] = [script, *words, *overrides]
     sys.argv = [script, *overrides]
+    asked_for = os.environ.get("HYDRA_FULL_ERROR", "")
     os.environ["HYDRA_FULL_ERROR"] = "1"  # raise errors, do not print them
     try:
         if HELP_FLAGS & set(overrides):  # without half a second of Hydra
@@ -67,8 +69,10 @@ def run(
             make_folder(_folder_of_runs(overrides, schema))
         main()
     except HydraException as error:
+        print_traceback()
         raise SystemExit(f"error: {why_refused(error, schema)}") from None
     except ValueError as error:  # of that folder and Hydra's own flags: a job reports its own
+        print_traceback()
         raise SystemExit(f"error: {error}") from None
     except BrokenPipeError:  # the reader of --help has seen enough
         # for what is flushed at exit
@@ -76,6 +80,7 @@ def run(
         raise SystemExit(1) from None
     finally:
         _command_line.clear()
+        os.environ["HYDRA_FULL_ERROR"] = asked_for
     if _failed_jobs:
         heading = f"error: {len(_failed_jobs)} of the sweep's jobs failed:"
         print_error("\n  ".join([heading, *_failed_jobs]))
@@ -112,9 +117,11 @@ def report_job_errors(kept_work: str) -> Iterator[None]:
         raise SystemExit(status_of(interruption)) from None
     except Exception as error:
         job = _job_of_a_sweep()
-        if not is_expected(error):
-            if job is None:
-                raise
+        if is_expected(error):
+            print_traceback()
+        elif job is None:
+            raise
+        else:
             print_error(traceback.format_exc())
         if not isinstance(error, ConnectionError) or is_first():  # the first process speaks for all
             print_error(f"error: {sentence(error)}")

@@ -16,7 +16,7 @@ from training.config.command_line import HELP_FLAGS
 from training.config.compose import help_text
 from training.config.schema import as_config
 from training.config.settings import Setting, check, field_of, settings_of
-from training.system.messages import is_expected, prepare_output, sentence
+from training.system.messages import is_expected, prepare_output, print_traceback, sentence
 
 Schema = TypeVar("Schema")
 
@@ -83,4 +83,5 @@ def report_errors(interruption: str) -> Iterator[None]:
     except Exception as error:
         if not is_expected(error):
             raise
+        print_traceback()
         raise SystemExit(f"error: {sentence(error)}") from None

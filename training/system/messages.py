@@ -10,6 +10,8 @@ import unicodedata
 from multiprocessing import synchronize
 from typing import Any, TextIO
 
+# before `hydra_commands` sets that variable, for its own sake
+SHOWS_TRACEBACKS = os.environ.get("HYDRA_FULL_ERROR") == "1"
 EXPECTED_ERRORS = (ValueError, TypeError, FloatingPointError, OSError)
 _NO_SHARED_MEMORY = r"unable to \w+ shared memory|out of shared memory"
 SHARED_MEMORY_ADVICE = (
@@ -79,6 +81,17 @@ def print_error(text: str) -> None:
         if getattr(stream, "has_open_line", False):
             print(file=stream, flush=True)
     print(text, file=sys.stderr, flush=True)
+
+
+def print_traceback(text: str | None = None) -> None:
+    """Print the traceback of the error that is handled, where HYDRA_FULL_ERROR=1 asks for it: a bug
+    may raise a ValueError, too.
+
+    Args:
+        text: that of another process; None: of this one.
+    """
+    if SHOWS_TRACEBACKS:
+        print_error(text or traceback.format_exc())
 
 
 def count_text(n: int, noun: str) -> str:

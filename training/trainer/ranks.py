@@ -26,6 +26,7 @@ from training.system.messages import (
     is_expected,
     lacks_shared_memory,
     prepare_output,
+    print_traceback,
     sentence,
     status_of,
 )
@@ -112,6 +113,7 @@ def _launch(count: int, job: Callable[..., Any], *args: Any) -> None:
                 raise ConnectionError(LOST_PROCESS) from None
             kind, _, text = failure.message["message"].partition(": ")
             if kind == RankError.__name__:
+                print_traceback(failure.message["extraInfo"]["py_callstack"])
                 raise RankError(text) from None
             raise
 
