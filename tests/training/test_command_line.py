@@ -2,6 +2,7 @@
 refuses gets a sentence."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ from training.config.checks import check_overrides
 from training.config.command_line import quote_paths, why_refused
 from training.config.compose import RECIPE_GROUPS, register
 from training.config.plain_commands import parse
-from training.config.recipes import recipe_files, require_recipe
+from training.config.recipes import plain_training, recipe_files, require_recipe
 from training.config.schema import Config
 from training.demoireing import clean
 
@@ -125,6 +126,30 @@ def test_a_recipe_that_cannot_be_used_stops_its_own_run(text, sentence, tmp_path
     register("test", Config, RECIPE_GROUPS, "")
     with pytest.raises(SystemExit, match=r"recipe=bad\n      Bad\n  recipe=good\n"):
         require_recipe([])
+
+
+@pytest.mark.parametrize("recipe", ["clean", "baseline"])
+def test_what_others_are_compared_with_has_all_the_settings_of_its_recipe(
+    recipe, tmp_path, monkeypatch
+):
+    """A run that is implied would displace the one that is asked for, else."""
+    monkeypatch.setattr("training.config.recipes.RECIPES", tmp_path)
+    path = tmp_path / f"{recipe}.yaml"
+    path.write_text("train: {weight_decay: 0.1, batch_size: 32, length: 1}")
+    other = configured("recipe=moire_fast", "train.init=clean", "train.lr=0.5").train
+    expected = replace(other, init="random", weight_decay=0.1, batch_size=32, length=1.0)
+    found = plain_training(recipe, other)
+    assert found == expected and isinstance(found.length, float)
+    path.write_text("# All by default.\n{}")
+    assert plain_training(recipe, other) == replace(other, init="random", length=1.0)
+    for text, said in (
+        ("adversary: {share: 0.5}\nscene: paper", rf"{recipe}\.yaml sets adversary, scene, and a"),
+        ("train: {lrr: 1}", r"Did you mean 'lr'\?"),
+        ("train:", "train: "),
+    ):
+        path.write_text(text)
+        with pytest.raises(ValueError, match=said):
+            plain_training(recipe, other)
 
 
 def test_a_recipe_whose_run_could_not_be_read_is_refused_before_it_trains(tmp_path, monkeypatch):

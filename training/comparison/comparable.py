@@ -9,10 +9,10 @@ from typing import Any
 import pandas as pd
 
 from training.config.data_sets import is_users_own
+from training.config.recipes import PLAIN_RECIPES
 from training.config.schema import Config, Trainer
 from training.config.settings import as_argument, settings_of
 from training.runs.metrics import Metrics, RunMetrics, SuiteMetrics
-from training.runs.run import PLAIN_RECIPES
 from training.system.messages import count_text
 
 Settings = dict[str, Any]

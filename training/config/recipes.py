@@ -12,8 +12,9 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from training.config.command_line import HELP_WRAPPING, PRINTING_FLAGS, reason_of
-from training.config.schema import RECIPES, Config
+from training.config.schema import RECIPES, Config, Train
 
+PLAIN_RECIPES = ("clean", "baseline")  # without an adversary: the others are compared with them
 RECIPE_NAME = re.compile(r"\w[\w.-]*")  # which is also a folder's
 
 
@@ -45,6 +46,12 @@ def read_recipe(path: Path) -> dict[str, Any]:
     if "recipe" in values:
         raise ValueError(f"{path} sets recipe=, which is the name of the file: leave it out.")
     settings: dict[str, Any] = OmegaConf.to_container(values)  # type: ignore[assignment]
+    others = [str(key) for key in settings if key != "train"]
+    if path.stem in PLAIN_RECIPES and others:
+        raise ValueError(
+            f"{path} sets {', '.join(others)}, and a recipe that the others are compared with sets "
+            "train alone: leave the rest out, or put it into a recipe of another name."
+        )
     return {"recipe": path.stem, **settings}
 
 
@@ -56,6 +63,18 @@ def check_recipe(path: Path) -> None:
             OmegaConf.update(cfg, key, value)
     except OmegaConfBaseException as error:
         raise ValueError(f"{path}: {reason_of(error, Config)}") from error
+
+
+def plain_training(recipe: str, train: Train) -> Train:
+    """Return how a recipe of `PLAIN_RECIPES` trains, with the settings of another training that its
+    file does not state; init and length are a recipe's own."""
+    path = RECIPES / f"{recipe}.yaml"
+    check_recipe(path)
+    own = {"init": Train.init, "length": Train.length, **read_recipe(path).get("train", {})}
+    plain: Train = OmegaConf.to_object(  # type: ignore[assignment]
+        OmegaConf.merge(OmegaConf.structured(train), own)
+    )
+    return plain
 
 
 def require_recipe(overrides: Sequence[str]) -> None:

@@ -16,6 +16,7 @@ from training.config.checks import (
     require_training_images,
     require_used,
 )
+from training.config.recipes import PLAIN_RECIPES
 from training.config.schema import Adversary, Config
 from training.data.load import load
 from training.data.splits import Splits
@@ -24,7 +25,7 @@ from training.runs.identity import Origin
 from training.runs.layout import RECORDS
 from training.runs.metrics import ORIGINAL, RunMetrics, TrainCost
 from training.runs.resume import damage, origin_difference
-from training.runs.run import PLAIN_RECIPES, Run, baseline_of, start_of
+from training.runs.run import Run, baseline_of, start_of
 from training.runs.task import Metrics, Task
 from training.runs.trained import read_trained
 from training.system import machine

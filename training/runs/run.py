@@ -12,7 +12,8 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.common.files import write_text
-from training.config.schema import RECIPES, Adversary, Config, RunConfig, Train
+from training.config.recipes import PLAIN_RECIPES, plain_training
+from training.config.schema import Adversary, Config, RunConfig
 from training.runs.identity import (
     group_of,
     result_fingerprint,
@@ -34,7 +35,6 @@ from training.system import machine
 from training.system.files import free_name, locked, make_folder, read_settings
 from training.system.processes import is_first
 
-PLAIN_RECIPES = ("clean", "baseline")  # without an adversary: the others are compared with them
 RESULT_KEYS = {"reattack", "test"}  # of metrics.json: a classifier's, a demoiréing network's
 # what `read_settings` and OmegaConf raise for values that are no run's settings
 NO_SETTINGS_ERRORS = (ValueError, TypeError, KeyError, RecursionError, OmegaConfBaseException)
@@ -187,8 +187,7 @@ def baseline_of(run: Run[Config]) -> Run[Config] | None:
 
 def _plain_run(cfg: Config, recipe: str) -> Run[Config]:
     """Return the run of a recipe of `PLAIN_RECIPES`, all other settings as in `cfg`."""
-    own = Train(**OmegaConf.load(RECIPES / f"{recipe}.yaml").train)
-    train = replace(cfg.train, init=own.init, length=own.length)
+    train = plain_training(recipe, cfg.train)
     return Run(replace(cfg, recipe=recipe, adversary=Adversary(), train=train, resume=None))
 
 
