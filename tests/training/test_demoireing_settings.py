@@ -36,6 +36,7 @@ def put_uneven(folder):
 SENTENCES = {
     "data.root=nowhere": "nowhere is not a folder",
     "model=esdnett": "Did you mean 'esdnet'?",
+    "recipe=../../x": "recipe=../../x cannot be the name of a run's folder",
     "demoire.target=twins": "Did you mean 'twin'?",
     "demoire.width=0": "width",
     "train.check_every=3": "must be a multiple of train.check_every",

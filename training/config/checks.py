@@ -14,6 +14,7 @@ from moireaug.attacks import MoireAttack
 from moireaug.evaluation.suites import check_used
 from moireaug.evaluation.tables import SuiteConfig
 from training.config.data_sets import DATA, Data, data_sets_with
+from training.config.recipes import RECIPE_NAME
 from training.config.scenes import scene_of
 from training.config.schema import (
     ATTACKS,
@@ -132,9 +133,14 @@ def check_adversary(cfg: Adversary) -> None:
 
 
 def check_run(cfg: RunConfig) -> None:
-    """Refuse settings out of their bounds, more devices than there are, and a trainer's other
-    settings that cannot be used."""
+    """Refuse settings out of their bounds, a recipe that cannot name a folder, more devices than
+    there are, and a trainer's other settings that cannot be used."""
     check(cfg)
+    if not RECIPE_NAME.fullmatch(cfg.recipe):
+        raise ValueError(
+            f"recipe={cfg.recipe} cannot be the name of a run's folder: begin with a letter, a "
+            "digit or _, and go on with these, . and -."
+        )
     check_devices(cfg.trainer)
     if cfg.trainer.deterministic not in (True, False, "warn"):
         raise ValueError(
