@@ -131,6 +131,7 @@ def test_metrics_of_a_stranger_are_numbers_or_nothing(tmp_path):
     frontier_runs.write(folder, metrics)
     assert trained.read_training_cost(folder).seconds == 10.0
     odd = ({"history": "<b>"}, {"seconds": "<b>"}, {"history": [{"loss": "x"}]}, {"init": "<b>"})
+    odd += ({"seconds": 10**400}, {"history": [{"loss": 10**400}]})
     for train in (*(metrics["train"] | one for one in odd), "<script>"):
         frontier_runs.write(folder, metrics | {"train": train})
         assert trained.read_training_cost(folder) is None

@@ -4,7 +4,6 @@ import math
 import statistics
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, field, fields
-from numbers import Real
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -232,6 +231,9 @@ def _has_numbers(cost: Mapping[str, Any]) -> bool:
 
 
 def _is_number(value: Any) -> bool:
-    return value is None or (
-        isinstance(value, Real) and not isinstance(value, bool) and not math.isinf(value)
-    )
+    if isinstance(value, bool):
+        return False
+    try:
+        return value is None or not math.isinf(value)
+    except (TypeError, OverflowError):  # no number; an integer beyond all floats
+        return False
