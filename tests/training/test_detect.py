@@ -3,7 +3,6 @@
 import json
 import resource
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -92,19 +91,22 @@ def test_a_trained_detector_scores_a_folder(trained, capsys):
     assert [file.name for file in out.iterdir()] == ["scores.csv"]
 
 
-def test_the_sheet_of_mistakes_holds_no_photo_that_is_right(tmp_path, monkeypatch):
+def test_the_sheet_of_mistakes_holds_no_photo_that_is_right(tmp_path):
+    folder = tmp_path / "phones"  # as one of its collections, which is another than the top
     scores = {"screen/found": 0.9, "screen/missed": 0.5, "real/alarm": 0.6, "real/passed": 0.1}
+    scores |= {"phones/screen/found": 0.9, "phones/real/passed": 0.1}
     codes = {"screen/found": 10, "screen/missed": 20, "real/alarm": 30, "real/passed": 40}
+    codes |= {"phones/screen/found": 50, "phones/real/passed": 60}
     for name, code in codes.items():
-        path = tmp_path / f"{name}.png"
-        path.parent.mkdir(exist_ok=True)
+        path = folder / f"{name}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
         Image.new("RGB", (40, 30), (code, code, code)).save(path)
     rows = [{"photo": f"{name}.png", "score": one} for name, one in scores.items()]
     table = pd.DataFrame(rows)
     table["truth"] = [truth_of(name) for name in table.photo]
-    monkeypatch.chdir(tmp_path)  # whose name the collection has, also as in=.
-    score.judge(table, 0.5, Path("."), tmp_path)  # a score at the threshold is no screen's
-    assert list(json.loads((tmp_path / "measures.json").read_text())) == [tmp_path.name]
+    score.judge(table, 0.5, folder, tmp_path)  # a score at the threshold is no screen's
+    found = json.loads((tmp_path / "measures.json").read_text())
+    assert {name: row["auc"] for name, row in found.items()} == {".": 0.75, "phones": 1.0}
     with Image.open(tmp_path / "mistakes.png") as sheet:
         assert {code for _, (code, *_) in sheet.getcolors()} == {20, 30, 255}
 

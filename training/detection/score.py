@@ -110,7 +110,7 @@ def judge(table: pd.DataFrame, threshold: float, folder: Path, out: Path) -> Non
     for name, rows in table.groupby(table.photo.map(collection_of)):
         is_screen = rows.truth.astype(bool)
         if is_screen.nunique() == 2:
-            scores[str(name) or folder.resolve().name] = (
+            scores[str(name) or "."] = (
                 rows.score[is_screen].to_numpy(),
                 rows.score[~is_screen].to_numpy(),
             )
