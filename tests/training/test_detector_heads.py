@@ -1,5 +1,7 @@
 """The heads of the detector of screen photos, and the measures that judge its scores."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 import torch
@@ -17,6 +19,28 @@ from training.detection.measures import (
 from training.report.plots import png
 
 NONE = {look: [] for look in LOOKS}
+
+
+def test_error_rates_count_scores_that_are_equal():
+    rng = np.random.default_rng(0)
+    for count in (1, 2, 7, 30):
+        screens, others = rng.integers(0, 6, count + 3) / 5, rng.integers(0, 6, count) / 7
+        thresholds = np.sort(np.concatenate((screens, others, [np.inf])))
+        expected = (screens[:, None] >= thresholds).mean(0)
+        assert np.array_equal(measuring.share_from(screens, thresholds), expected)
+        missed = (screens[:, None] < thresholds[:-1]).mean(0)
+        alarms = (others[:, None] >= thresholds[:-1]).mean(0)
+        nearest = np.abs(missed - alarms).argmin()
+        assert equal_error_rate(screens, others) == (missed[nearest] + alarms[nearest]) / 2
+
+
+def test_error_rates_of_many_scores_take_little_memory():
+    scores = np.random.default_rng(0).random(20_000)
+    tracemalloc.start()
+    equal_error_rate(scores, scores)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 100 * scores.nbytes
 
 
 def test_measures_are_those_of_small_examples():

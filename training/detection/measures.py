@@ -27,10 +27,15 @@ def equal_error_rate(screens: np.ndarray, others: np.ndarray) -> float:
     """Return the error rate at the threshold where as many screens are missed as others called
     screens."""
     thresholds = np.sort(np.concatenate((screens, others)))
-    missed = (screens[:, None] < thresholds).mean(0)
-    alarms = (others[:, None] >= thresholds).mean(0)
+    missed = np.searchsorted(np.sort(screens), thresholds) / len(screens)
+    alarms = share_from(others, thresholds)
     nearest = np.abs(missed - alarms).argmin()
     return float((missed[nearest] + alarms[nearest]) / 2)
+
+
+def share_from(scores: np.ndarray, thresholds: np.ndarray) -> np.ndarray:
+    """Return the share of scores that are at least as high as each threshold."""
+    return (len(scores) - np.searchsorted(np.sort(scores), thresholds)) / len(scores)
 
 
 def found_at(screens: np.ndarray, others: np.ndarray, false_alarms: float) -> int:
@@ -102,9 +107,8 @@ def roc_plot(scores: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> bytes:
     lines, labels = [], []
     for name, (screens, others) in scores.items():
         thresholds = np.sort(np.concatenate((screens, others, [np.inf])))[::-1]
-        alarms = (others[:, None] >= thresholds).mean(0)
-        found = (screens[:, None] >= thresholds).mean(0)
-        lines += axes.step(alarms, found, where="post")
+        rates = share_from(others, thresholds), share_from(screens, thresholds)
+        lines += axes.step(*rates, where="post")
         labels.append(f"{shown(name)}, {auc(screens, others):.2f}")
     # given, as names that begin with _ are left out else
     legend = axes.legend(lines, labels, loc="lower right", fontsize="small")
