@@ -132,7 +132,10 @@ def test_weights_move_towards_the_original_until_its_answers_are_kept(kept, shar
         model[2].bias.copy_(torch.tensor([0.75, 0.0]))  # of the new weights: 7 of 10 change
     codes = (torch.arange(10) * 25.5).round().to(torch.uint8)
     images = TensorDataset(codes[:, None, None, None].expand(-1, 3, 4, 4), torch.zeros(10))
+    asked = []
+    original.model.register_forward_hook(lambda *_: asked.append(1))
     blend = keep_answers(model, original, images, kept)
+    assert len(asked) == 1, "its answers are the same for every share"
     assert blend.new_share == share and (blend.equal_answers >= kept) == (kept < 1)
     bias = model[2].bias[0].item()
     assert bias == pytest.approx(0.05 + 0.7 * share)

@@ -2,6 +2,7 @@
 with the trained ones, which keep most of both (Wortsman et al., 2022)."""
 
 import copy
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
@@ -78,22 +79,21 @@ def keep_answers(model: nn.Module, original: Original, images: Dataset, kept: fl
             last of `SHARES` is taken.
     """
     old, new = original.model.state_dict(), copy.deepcopy(model.state_dict())
+    device, training = next(model.parameters()).device, model.training
+    wanted = _answers(original.logits, images, device)
+    model.eval()
     for share in SHARES:
         model.load_state_dict(blended(old, new, share))
-        equal_answers = _share_of_equal_answers(model, original, images)
+        answers = _answers(model, images, device)
+        equal_answers = (answers == wanted).double().mean().item()
         if equal_answers >= kept:
             break
+    model.train(training)
     return Blend(share, equal_answers)
 
 
 @torch.no_grad()
-def _share_of_equal_answers(model: nn.Module, original: Original, images: Dataset) -> float:
-    device = next(model.parameters()).device
-    training = model.training
-    model.eval()
-    equal = []
-    for codes, _ in DataLoader(images, BATCH):
-        batch = codes.to(device).float() / 255
-        equal.append(predicted(model(batch)) == original.answers(batch))
-    model.train(training)
-    return torch.cat(equal).double().mean().item()
+def _answers(logits: Callable[[Tensor], Tensor], images: Dataset, device: torch.device) -> Tensor:
+    """Return the answers (N,) to all images."""
+    batches = DataLoader(images, BATCH)
+    return torch.cat([predicted(logits(codes.to(device).float() / 255)) for codes, _ in batches])
