@@ -168,10 +168,12 @@ def test_a_full_disk_leaves_the_earlier_detector_and_says_so(tmp_path):
     assert [path.read_text() for path in tmp_path.iterdir()] == ["earlier"]
 
 
-def test_ordinary_photos_are_read_one_by_one_as_small_as_they_are_scored(tmp_path):
+def test_ordinary_photos_are_read_one_by_one_as_small_as_they_are_scored(tmp_path, capsys):
     put(tmp_path, sizes=[(3000, 2000)])
     (tmp_path / "torn.png").write_bytes(b"")
-    (kept,) = fit.readable(Pictures(tmp_path, 1))
+    (kept,) = fit.usable(Pictures(tmp_path, 1))
+    (said,) = capsys.readouterr().out.splitlines()
+    assert said.startswith("left out: ") and "torn.png" in said
     assert max(kept.size) == 1024
     name, _ = Pictures(tmp_path, 1).names
     with Image.open(tmp_path / name) as photo:

@@ -39,7 +39,7 @@ from training.config.settings import setting
 from training.demoireing.pictures import DrawnPictures, split_tenths
 from training.detection.examples import PHOTO_SIDE, Examples
 from training.detection.heads import LOOKS, Part
-from training.detection.labelled import cross_validated, read_labelled
+from training.detection.labelled import cross_validated, read_labelled, readable
 from training.detection.measures import auc, line_of, measures, threshold_at
 from training.detection.network import Detector, as_photo, shrunk
 from training.system.files import make_folder
@@ -190,18 +190,15 @@ def sources(cfg: Config) -> tuple[Source, Iterable[Any]]:
     if ordinary is None:
         return pictures, [pictures.draw(rng)[1] for _ in range(DRAWN_ORDINARY)]
     ordinary.draw(rng)  # a folder without a usable one is refused before the training
-    return pictures, readable(ordinary)
+    return pictures, usable(ordinary)
 
 
-def readable(pictures: Pictures) -> Iterator[Any]:
-    """Yield the usable ones among pictures, as large as a detector looks at them; all at once would
-    fill the memory."""
-    for number in range(len(pictures)):
-        try:
-            picture = pictures.subset([number]).draw(np.random.default_rng(0))[1]
-        except ValueError:  # as one that trains is skipped
-            continue
-        yield shrunk(picture)
+def usable(pictures: Pictures) -> Iterator[Any]:
+    """Yield the pictures that are large enough, as large as a detector looks at them; all at once
+    would fill the memory."""
+    for _, picture in readable(pictures.folder, pictures.names):
+        if min(picture.size) >= pictures.min_side:
+            yield shrunk(picture)
 
 
 @torch.no_grad()

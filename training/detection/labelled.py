@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 import numpy as np
 import torch
+from PIL import Image
 from torch import Tensor
 from tqdm import tqdm
 
@@ -35,6 +36,18 @@ def collection_of(name: str) -> str:
     """Return the folder of the top that a photo lies in; "" where that is one of a label."""
     parts = PurePosixPath(name).parts
     return parts[0] if truth_of(f"{parts[0]}/photo") is None and len(parts) > 1 else ""
+
+
+def readable(folder: Path, names: Iterable[str]) -> Iterator[tuple[str, Image.Image]]:
+    """Yield the photos of a folder with their names; those that cannot be read are named and left
+    out."""
+    for name in names:
+        try:
+            picture = read_picture(folder / name)
+        except ValueError as error:
+            print(f"left out: {error}")
+            continue
+        yield name, picture
 
 
 class LabelledPhotos(NamedTuple):
@@ -74,12 +87,9 @@ def read_labelled(detector: Detector, folder: str | Path) -> LabelledPhotos:
     names, crops, wholes = [], [], []
     labelled = [name for name in pictures.names if truth_of(name) is not None]
     require_both_kinds(labelled, folder)
-    for name in tqdm(labelled, unit="photo", disable=None):
-        try:
-            seen = detector.seen(as_photo(read_picture(pictures.folder / name)))
-        except ValueError as error:
-            print(f"left out: {error}")
-            continue
+    progress = tqdm(labelled, unit="photo", disable=None)
+    for name, picture in readable(pictures.folder, progress):
+        seen = detector.seen(as_photo(picture))
         names.append(name)
         crops.append(seen["crop"])
         wholes.append(seen["whole"])

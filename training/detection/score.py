@@ -26,7 +26,7 @@ from moireaug.synthesis.pictures import Pictures
 from training.config.plain_commands import parse, report_errors
 from training.config.settings import setting
 from training.detection.fit import score_of
-from training.detection.labelled import collection_of, truth_of
+from training.detection.labelled import collection_of, readable, truth_of
 from training.detection.measures import MISTAKES, line_of, measures, roc_plot, sheet
 from training.detection.network import Detector
 from training.system.files import make_folder, require_outside
@@ -74,12 +74,9 @@ def score(cfg: Config) -> pd.DataFrame:
     require_judgeable(pictures.names)
     make_folder(out, "out=DIR")
     rows: list[dict[str, Any]] = []
-    for name in tqdm(pictures.names, unit="photo", disable=None):
-        try:
-            found = score_of(detector, read_picture(pictures.folder / name))
-        except ValueError as error:
-            print(f"not scored: {error}")
-            continue
+    progress = tqdm(pictures.names, unit="photo", disable=None)
+    for name, picture in readable(pictures.folder, progress):
+        found = score_of(detector, picture)
         rows.append({"photo": name, "score": found, "screen": found > detector.threshold.item()})
     if not rows:
         raise ValueError(
