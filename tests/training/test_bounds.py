@@ -29,11 +29,6 @@ def test_every_setting_says_what_it_is():
         assert all(one.help for one in settings_of(schema).values())
 
 
-def test_settings_are_read_off_their_dataclass_once():
-    for schema in SCHEMAS:
-        assert settings_of(schema) is settings_of(schema)
-
-
 def test_every_default_and_recipe_is_within_them():
     for recipe in ("clean", "baseline", "moire_at", "moire_fast", "pgd_at"):
         assert ClassificationTask().check(configured(f"recipe={recipe}")) is None

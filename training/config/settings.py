@@ -92,7 +92,7 @@ def settings_of(schema: Any) -> Mapping[str, Setting]:
     return _declared_settings(schema)
 
 
-@functools.cache
+@functools.cache  # not above: mypy takes the type of a dataclass for unhashable
 def _declared_settings(schema: Any) -> Mapping[str, Setting]:
     settings: dict[str, Setting] = {}
     types = get_type_hints(schema)
