@@ -54,11 +54,12 @@ def test_examples_depend_on_their_number_alone(tmp_path):
     assert not torch.equal(made[0].image, other[0].image)
 
 
-def test_large_pictures_train_as_small_as_the_detector_looks_at_photos(tmp_path):
+def test_large_pictures_train_as_small_as_the_detector_looks_at_photos(tmp_path, monkeypatch):
     """A crop of a ramp shows as many values of it as in a photo of 1024 px."""
     ramp = np.linspace(0, 255, 4096).astype(np.uint8)
     Image.fromarray(np.tile(ramp, (3072, 1))).convert("RGB").save(tmp_path / "ramp.png")
-    examples = Examples(Pictures(tmp_path, 1), Scene.preset(SCENE), 0, drawn=0.0)
+    monkeypatch.setattr("training.detection.examples.DRAWN", 0.0)
+    examples = Examples(Pictures(tmp_path, 1), Scene.preset(SCENE), 0)
     original = examples[0][0].image.float()
     assert 256 / 1024 <= (original.amax() - original.amin()) / 255 <= 352 / 1024
 

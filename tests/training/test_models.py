@@ -16,8 +16,7 @@ from training.models.small_resnet import SmallResNet
 SMALL = {
     "resnet": lambda classes: SmallResNet(classes, 4),
     "resnet, attention": lambda classes: SmallResNet(classes, 4, activation=nn.SiLU, heads=3),
-    "convnet": lambda classes: AttentionConvNet(classes, (4, 8, 8), heads=3),
-    "convnet, one stage": lambda classes: AttentionConvNet(classes, (4, 8), heads=1),
+    "convnet": AttentionConvNet,
 }
 
 

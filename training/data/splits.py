@@ -79,11 +79,11 @@ def shuffled_indices(n: int, seed: int) -> list[int]:
     return torch.randperm(n, generator=generator, device="cpu").tolist()
 
 
-def random_subset(data: Dataset, n: int | None, seed: int = 0) -> Dataset:
+def random_subset(data: Dataset, n: int | None) -> Dataset:
     """Return a fixed random subset of n items; all of them if n is None or not smaller."""
     if n is None or n >= len(data):  # type: ignore[arg-type]
         return data
-    return Subset(data, shuffled_indices(len(data), seed)[:n])  # type: ignore[arg-type]
+    return Subset(data, shuffled_indices(len(data), 0)[:n])  # type: ignore[arg-type]
 
 
 def repeated(data: Dataset, n: int | None) -> Dataset:

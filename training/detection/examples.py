@@ -24,6 +24,7 @@ from training.detection.network import CROP_SIDE, WHOLE_SIDE, shrunk
 
 CUT_SIDES = (256, 352)  # of crops before they are shrunk, as photos are when they are shared
 PHOTO_SIDE = 512  # longer side of a simulated whole photo, pixels
+DRAWN = 0.3  # share of the shown pictures that are interfaces and pages
 MIN_SHARE = 0.4  # of a crop, that a screen takes
 MIN_MOIRE = 1.0  # codes of moiré, below which a photo and its twin look alike
 CROP_SHRINK, WHOLE_SHRINK = (1.0, 4.0), (3.0, 8.0)  # of photos as they are shared, and made small
@@ -53,13 +54,10 @@ class Examples(Dataset):
         pictures: those that screens show and that rooms are.
         scenes: of the screens, which state `Sensor.pitch` or `Panel.width`; those of LEDs stand in
             no room.
-        drawn: share of the shown pictures that are drawn interfaces and pages.
     """
 
-    def __init__(
-        self, pictures: Source, scenes: Scene | Mixture, seed: int, drawn: float = 0.3
-    ) -> None:
-        self.pictures, self.seed, self.drawn = pictures, seed, drawn
+    def __init__(self, pictures: Source, scenes: Scene | Mixture, seed: int) -> None:
+        self.pictures, self.seed = pictures, seed
         every = scenes_of(scenes)
         in_rooms = [scene for scene in every if scene.panel.layout != "led"] or list(every)
         self.crop_scenes = as_scenes(scenes, CROP_SHRINK)
@@ -122,7 +120,7 @@ class Examples(Dataset):
 
     def shown(self, rng: np.random.Generator, side: int) -> Image.Image:
         """Draw a picture that a screen or a page shows."""
-        if rng.random() >= self.drawn:
+        if rng.random() >= DRAWN:
             return self.ordinary(rng)
         draw = (drawn_pictures.page, drawn_pictures.interface)[int(rng.integers(2))]
         return draw(rng, side)

@@ -6,6 +6,10 @@ from torch import Tensor, nn
 
 from training.models.pooling import AttentionPooling
 
+# of the stem, which has a stride of 2, and of the stages, each of which halves the resolution
+CHANNELS = (48, 96, 256)
+HEADS = 4  # of the pooling
+
 
 class AttentionConvNet(nn.Module):
     """A plain convolutional network for images of 32 to 64 px, small enough to train on a CPU.
@@ -16,9 +20,6 @@ class AttentionConvNet(nn.Module):
 
     Args:
         num_classes: number of logits.
-        channels: channels of the stem, which has a stride of 2, and of the stages, each of which
-            halves the resolution.
-        heads: heads of the `AttentionPooling` before the last layer.
 
     Takes images (B, 3, H, W), float in [0, 1], and returns logits (B, num_classes). The input is
     centred inside, so an attack in [0, 1] needs no wrapper.
@@ -27,19 +28,14 @@ class AttentionConvNet(nn.Module):
     (2024), with normalisation and activation before each convolution.
     """
 
-    def __init__(
-        self, num_classes: int, channels: tuple[int, ...] = (48, 96, 256), heads: int = 4
-    ) -> None:
+    def __init__(self, num_classes: int) -> None:
         super().__init__()
-        self.stem = nn.Conv2d(3, channels[0], 3, 2, 1, bias=False)
-        stages = []
-        for inputs, outputs in itertools.pairwise(channels):
-            stages.append(_stage(inputs, outputs))
-        self.stages = nn.Sequential(*stages)
-        self.norm = nn.BatchNorm2d(channels[-1])
+        self.stem = nn.Conv2d(3, CHANNELS[0], 3, 2, 1, bias=False)
+        self.stages = nn.Sequential(*itertools.starmap(_stage, itertools.pairwise(CHANNELS)))
+        self.norm = nn.BatchNorm2d(CHANNELS[-1])
         self.activation = nn.SiLU()
-        self.pool = AttentionPooling(channels[-1], heads)
-        self.head = nn.Linear(channels[-1] * heads, num_classes)
+        self.pool = AttentionPooling(CHANNELS[-1], HEADS)
+        self.head = nn.Linear(CHANNELS[-1] * HEADS, num_classes)
 
     def forward(self, images: Tensor) -> Tensor:
         x = self.stages(self.stem((images - 0.5) * 4.0))
