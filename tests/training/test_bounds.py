@@ -7,6 +7,7 @@ import pytest
 from tests.training.small import configured
 from training import fit
 from training.config.checks import check_classifier, check_run
+from training.config.recipes import recipe_files
 from training.config.schema import Config, ReattackConfig
 from training.config.settings import settings_of, with_values
 from training.demoireing.schema import DemoireConfig
@@ -14,6 +15,8 @@ from training.recipe.phases import ClassificationTask
 
 SCHEMAS = (ReattackConfig, DemoireConfig)
 BOUNDED = [key for key, one in settings_of(Config).items() if one.bounds]
+# by a recipe that tunes a network of one's own
+NEEDED = ["weights=FILE", "model=resnet18", "data=folder", "data.root=DIR", "data.size=224"]
 UNBOUNDED = {"demoire.width"}  # the networks check it
 
 
@@ -30,8 +33,9 @@ def test_every_setting_says_what_it_is():
 
 
 def test_every_default_and_recipe_is_within_them():
-    for recipe in ("clean", "baseline", "moire_at", "moire_fast", "pgd_at"):
-        assert ClassificationTask().check(configured(f"recipe={recipe}")) is None
+    for path in recipe_files():
+        given = NEEDED if path.stem == "moire_tune" else []
+        assert ClassificationTask().check(configured(f"recipe={path.stem}", *given)) is None
     for data in ("cifar10", "folder"):  # no recipe says anything of the data
         assert ClassificationTask().check(configured("recipe=moire_at", f"data={data}")) is None
 
