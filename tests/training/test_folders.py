@@ -113,10 +113,21 @@ def test_a_failed_read_moves_and_deletes_nothing(name, finished, monkeypatch):
     assert [path.name for path in finished.folder.parent.iterdir()] == ["seed0"]
 
 
+def test_a_failed_read_of_a_checkpoint_is_no_damage(finished, monkeypatch):
+    def fail(path):
+        raise OSError(errno.ESTALE, os.strerror(errno.ESTALE), str(path))
+
+    monkeypatch.setattr(Path, "read_bytes", fail)
+    with pytest.raises(OSError, match=os.strerror(errno.ESTALE)):
+        resume.damage(finished)
+
+
 DEEP = f"scene: {'[' * 300}{']' * 300}"
+BEYOND_FLOATS = f"train: {{momentum: 1{'0' * 400}}}"
+WRONG_VALUES = ["data: 3", "nothing: 3", "seed: !!int ''", "seed: !!timestamp x"]
 
 
-@pytest.mark.parametrize("text", ["data: 3", "nothing: 3", "1: 2", "- a", "\0", DEEP])
+@pytest.mark.parametrize("text", [*WRONG_VALUES, "1: 2", "- a", "\0", DEEP, BEYOND_FLOATS])
 def test_settings_that_are_no_runs_are_of_another_training(text, finished):
     (finished.folder / "config.yaml").write_text(text)
     assert finished.stage() == "other"

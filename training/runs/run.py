@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.common.files import write_text
 from training.config.recipes import PLAIN_RECIPES, plain_training
@@ -36,8 +35,6 @@ from training.system.files import free_name, locked, make_folder, read_settings
 from training.system.processes import is_first
 
 RESULT_KEYS = {"reattack", "test"}  # of metrics.json: a classifier's, a demoiréing network's
-# what `read_settings` and OmegaConf raise for values that are no run's settings
-NO_SETTINGS_ERRORS = (ValueError, TypeError, KeyError, RecursionError, OmegaConfBaseException)
 Settings = TypeVar("Settings", bound=RunConfig)
 
 
@@ -146,7 +143,7 @@ class Run(Generic[Settings]):
         try:
             settings = result_settings(metrics["config"], type(self.config))
             return result_fingerprint(settings) == self.fingerprint
-        except NO_SETTINGS_ERRORS:
+        except Exception:  # not a run's settings
             return False
 
     def _training_fingerprint_in_folder(self) -> str | None:
@@ -161,7 +158,9 @@ class Run(Generic[Settings]):
             return training_fingerprint(result_settings(values, schema), schema)
         except (FileNotFoundError, NotADirectoryError):
             return None
-        except NO_SETTINGS_ERRORS:
+        except OSError:
+            raise
+        except Exception:  # not YAML, or not a run's
             return "damaged"
 
 

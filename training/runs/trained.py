@@ -121,7 +121,7 @@ def read_config(path: Path) -> Config:
             one_of("model", cfg.model, model_names())
         config: Config = as_config(cfg)
         scene_of(config)
-    except (OmegaConfBaseException, ValueError, TypeError) as error:
+    except (OmegaConfBaseException, ValueError, TypeError, OverflowError) as error:
         reason = str(error).splitlines()[0].rstrip(".")
         raise ValueError(
             f"{path} is not a run's settings: {reason}. A run holds the settings of "

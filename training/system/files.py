@@ -6,6 +6,7 @@ import csv
 import errno
 import functools
 import hashlib
+import io
 import itertools
 import json
 import os
@@ -93,14 +94,23 @@ def read_table(path: Path) -> list[dict[str, Any]]:
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:
-    """Read a Lightning checkpoint onto the CPU."""
+    """Read a Lightning checkpoint onto the CPU.
+
+    Raises:
+        ValueError: it is missing or damaged.
+        OSError, MemoryError: it cannot be read now, and may be whole.
+    """
     try:
-        checkpoint = torch.load(path, map_location="cpu", weights_only=True)
+        content = io.BytesIO(path.read_bytes())  # torch hides why it could not read a file
+        checkpoint = torch.load(content, map_location="cpu", weights_only=True)
         checkpoint["epoch"]
         if not all(torch.is_tensor(value) for value in checkpoint["state_dict"].values()):
             raise TypeError("a value of its state_dict is no tensor")
         return checkpoint
     except Exception as error:  # by the damaged byte: UnpicklingError, EOFError, KeyError, ...
+        is_missing = isinstance(error, (FileNotFoundError, NotADirectoryError))
+        if isinstance(error, (OSError, MemoryError)) and not is_missing:
+            raise
         raise ValueError(
             f"The checkpoint {path} could not be read ({type(error).__name__}). "
             "It may be missing or damaged: train again with resume=false, "
@@ -146,7 +156,7 @@ def read_settings(path: Path) -> dict[str, Any]:
     try:
         values = yaml.load(text, PlainLoader)
         plain = json.dumps(values, default=str)
-    except (yaml.YAMLError, TypeError, ValueError, RecursionError) as error:
+    except Exception as error:  # by the damaged byte: YAMLError, IndexError, AttributeError, ...
         reason = " ".join(str(error).split())[:MAX_REASON_CHARACTERS]
         raise ValueError(f"{path} could not be read as YAML: {reason}.") from error
     if "${" in plain:
