@@ -1,10 +1,10 @@
-"""Scenes at the corners of their ranges, and screens past the horizon: photos and gradients are
-finite."""
+"""Scenes at the corners of their ranges, and screens past the horizon: photos are the reference's,
+and gradients are finite."""
 
 import pytest
 import torch
 
-from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, engine
 from moireaug.scene.by_name import with_values
 from tests.photo_checks import in_range
 
@@ -63,17 +63,19 @@ FARAWAY = {
 
 
 def check_photo_and_gradients(scene, size):
-    """Return the engine's photo of noise, after checks that it and the reference's are in [0, 1],
+    """Return the engine's photo of noise, after checks that it is in [0, 1] and the reference's,
     and that the gradients in picture and shot are finite."""
     shot = scene.sample(1, size, torch.Generator().manual_seed(1))
     image = torch.rand(1, 3, *size, requires_grad=True)
     photo = capture(image, shot)
     leaves = [values.clone().requires_grad_() for values in shot.numbers().values()]
     moved = with_values(shot, dict(zip(shot.numbers(), leaves, strict=True)))
-    reference = capture(image, moved)
-    assert in_range(photo, image) and in_range(reference, image)
+    again = capture(image, moved)
+    assert in_range(photo, image) and in_range(again, image)
+    with torch.no_grad(), engine.reference():
+        assert (photo - capture(image, shot)).abs().max() < 1e-3
     found = torch.autograd.grad(photo.sum(), image)
-    found += torch.autograd.grad(reference.sum(), (image, *leaves), allow_unused=True)
+    found += torch.autograd.grad(again.sum(), (image, *leaves), allow_unused=True)
     assert all(g.isfinite().all() for g in found if g is not None)
     return photo.detach()
 

@@ -129,6 +129,18 @@ def _motion_change(jacobians, camera, blur_camera, axis_of_photo):
 
 
 @jit_in_place
+def _pixels_for_nodes(positions):
+    """Return how many pixels a line of nodes can have one on each of: all, if they are evenly
+    spaced."""
+    n = len(positions)
+    apart = (positions[n - 1] - positions[0]) / max(n - 1, 1)
+    for i in range(n):
+        if abs(positions[i] - positions[0] - i * apart) > 1e-6 * apart:
+            return 2**30
+    return n
+
+
+@jit_in_place
 def _count(steps, fewest, most, pixels):
     """Return how many nodes a change of so many steps over a line of pixels needs: at least
     `fewest`, no more than it takes to have one on each pixel, and `most` + 1 if it needs more than
@@ -157,7 +169,7 @@ def counts(sites, view, budget):
     for k in range(2):
         change[k], cycles[k] = _fastest_change(scales, k, highest, passed)
     fewest = 9 if camera.k1 != 0 or camera.k2 != 0 else 6
-    pixels = len(sites.cols), len(sites.rows)
+    pixels = _pixels_for_nodes(sites.cols), _pixels_for_nodes(sites.rows)
     for k in range(2):
         if max(change[0], change[1]) < budget.flat_log_scale:
             out[0, k], out[1, k] = 4, 2
