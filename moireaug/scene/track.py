@@ -158,23 +158,23 @@ def filmed_by(scene: SceneRecord, hand: Hand) -> SceneRecord:
             f"{scene.view.pose!r}. Use shot.repeat(frames) for a camera that stands still."
         )
     reach = dict(zip(MOVED_FIELDS, 2 * PEAK * hand.amplitudes(), strict=True))
-    # nearer by its own motion, and by View.fit, which keeps a turned picture in the photo
-    nearer = reach["view.zoom"] + math.radians(reach["view.roll"])
+    # the pitch follows the zoom, and View.fit, which keeps a turned picture in the photo
+    nearer = {"view.zoom": reach["view.zoom"]}
+    nearer["sensor.pitch"] = reach["view.zoom"] + math.radians(reach["view.roll"])
     values, wider = values_of(scene), {}
     for name, (low, high) in limits_by_name(scene).items():
         least, most = bounds(values[name])
-        if name in ("view.zoom", "sensor.pitch"):
-            least, most = least * (1 - nearer), most * (1 + nearer)
+        if name in nearer:
+            least, most = least * (1 - nearer[name]), most * (1 + nearer[name])
         elif name in reach:
             least, most = least - reach[name], most + reach[name]
         if name == "view.roll" and (least < low or most > high):  # it goes on at the other end
             least, most = low, high
-        if name in reach and (least < low or most > high):
+        if name in reach | nearer and (least < low or most > high):
             raise ValueError(
                 f"{hand!r} may move {name} to numbers in [{least:.3g}, {most:.3g}], where "
-                f"[{low:g}, {high:g}] is allowed: by up to 5.7 times Hand.{MOVED_FIELDS[name]} "
-                "and, of the zoom, 0.1 times Hand.turn. Lower these, or narrow the scene's range, "
-                f"{values[name]!r}."
+                f"[{low:g}, {high:g}] is allowed. Lower Hand.turn, shift and zoom, or narrow the "
+                f"scene's range, {values[name]!r}."
             )
         wider[name] = max(least, low), min(most, high)
     if scene.is_crop:

@@ -131,13 +131,14 @@ def test_what_no_hand_can_film_is_refused():
 
 def test_a_hand_that_moves_further_than_fields_go_is_refused():
     for scene, far, named in (
-        (PHONE, Hand(turn=11.0), r"view.zoom to numbers in \[-0.0974, "),
-        (Scene(), Hand(zoom=0.5), r"view.zoom to numbers in \[-1.85, 3.85\], where \[0.001, 100\]"),
+        (PHONE, Hand(turn=11.0), r"sensor.pitch to numbers in \[-"),
+        (Scene(), Hand(zoom=0.5), r"view.zoom to numbers in \[-1.83, 3.83\], where \[0.001, 100\]"),
         (Scene(), Hand(turn=60.0), r"view.yaw to numbers in \[-339, 339\], where \[-89, 89\]"),
         (with_values(CROP, {"view.yaw": (88.9, 89.0)}), HAND, r"or narrow .* \(88.9, 89.0\)"),
     ):
         with pytest.raises(ValueError, match=named):
             track(scene, hand=far)
+    track(Scene(), hand=Hand(turn=11.0, zoom=0.0))  # which moves no zoom
 
 
 def test_every_camera_that_is_held_is_filmed_by_hand():
