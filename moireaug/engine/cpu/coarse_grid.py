@@ -129,25 +129,10 @@ def _motion_change(jacobians, camera, blur_camera, axis_of_photo):
 
 
 @jit_in_place
-def _pixels_for_nodes(positions):
-    """Return how many pixels a line of nodes can have one on each of: all, if they are evenly
-    spaced."""
-    n = len(positions)
-    apart = (positions[n - 1] - positions[0]) / max(n - 1, 1)
-    for i in range(n):
-        if abs(positions[i] - positions[0] - i * apart) > 1e-6 * apart:
-            return 2**30
-    return n
-
-
-@jit_in_place
-def _count(steps, fewest, most, pixels):
-    """Return how many nodes a change of so many steps over a line of pixels needs: at least
-    `fewest`, no more than it takes to have one on each pixel, and `most` + 1 if it needs more than
-    `most`."""
-    apart = max(pixels - 1, 1)
-    on_each_pixel = apart * math.ceil((fewest - 1) / apart) + 1
-    return int(min(max(steps + 2, fewest), on_each_pixel, most + 1))
+def _count(steps, fewest, most):
+    """Return how many nodes a change of so many steps needs: at least `fewest`, and `most` + 1 if
+    it needs more than `most`."""
+    return int(min(max(steps + 2, fewest), most + 1))
 
 
 @jit
@@ -169,16 +154,41 @@ def counts(sites, view, budget):
     for k in range(2):
         change[k], cycles[k] = _fastest_change(scales, k, highest, passed)
     fewest = 9 if camera.k1 != 0 or camera.k2 != 0 else 6
-    pixels = _pixels_for_nodes(sites.cols), _pixels_for_nodes(sites.rows)
     for k in range(2):
         if max(change[0], change[1]) < budget.flat_log_scale:
             out[0, k], out[1, k] = 4, 2
             continue
         steps = max(cycles[k] / budget.amplitude_cycles, change[k] / budget.amplitude_log_scale)
-        out[0, k] = _count(steps, fewest, MAX_NODES, pixels[k])
+        out[0, k] = _count(steps, fewest, MAX_NODES)
         motion_steps = _motion_change(jacobians, camera, blur_camera, k) / budget.weight_motion
         steps = max(change[k] / budget.weight_log_scale, motion_steps)
-        out[1, k] = _count(steps, 5, MAX_WEIGHT_NODES, pixels[k])
+        out[1, k] = _count(steps, 5, MAX_WEIGHT_NODES)
+    return out
+
+
+@jit_in_place
+def _evenly_spaced(positions):
+    n = len(positions)
+    apart = (positions[n - 1] - positions[0]) / max(n - 1, 1)
+    off = 0.0
+    for i in range(n):
+        off = max(off, abs(positions[i] - positions[0] - i * apart))
+    return off <= 1e-6 * apart
+
+
+@jit
+def used_counts(sites, view, budget):
+    """Return `counts`, none more than it takes to have a node on each pixel of a line: what is
+    interpolated is exact there."""
+    out = counts(sites, view, budget)
+    for k in range(2):
+        positions = sites.cols if k == 0 else sites.rows
+        if _evenly_spaced(positions):
+            apart = max(len(positions) - 1, 1)
+            for grid in range(2):
+                degree = 3 - 2 * grid  # amplitudes by cubics, weights by lines
+                on_each_pixel = apart * math.ceil(degree / apart) + 1
+                out[grid, k] = min(out[grid, k], on_each_pixel)
     return out
 
 
@@ -256,7 +266,7 @@ def coarse_grid_of(view, coefficients, sites, budget):
     """Return the CoarseGrid of an image; view: a PixelView. coefficients: see
     `exposure_records.FullView`. budget: an `ErrorBudget`."""
     rows, cols, step, camera = sites.rows, sites.cols, sites.step, view.camera
-    count = counts(sites, view, budget)
+    count = used_counts(sites, view, budget)
     us, step_u = node_line(cols, count[0, 0])
     vs, step_v = node_line(rows, count[0, 1])
     amplitude = optics.amplitudes(us, vs, camera, view.cell, coefficients)

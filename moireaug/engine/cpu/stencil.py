@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.camera.exposure.footprint import NEAREST_GUARD_SHARE
-from moireaug.engine.cpu.coarse_grid import bracket, counts, node_line
+from moireaug.engine.cpu.coarse_grid import bracket, node_line, used_counts
 from moireaug.engine.cpu.compiling import fill, jit, jit_in_place, jit_inlined
 from moireaug.engine.cpu.panel import margin
 from moireaug.engine.cpu.records import BinStencil
@@ -124,7 +124,7 @@ def _tap_weights_at(us, vs, view):
 def stencil_of(view, sites, budget):
     """Return the BinStencil of an image that has one; view: a PixelView. budget: an
     `ErrorBudget`."""
-    count = counts(sites, view, budget)[1]
+    count = used_counts(sites, view, budget)[1]
     us, step_u = node_line(sites.cols, count[0])
     vs, step_v = node_line(sites.rows, count[1])
     weights = _tap_weights_at(us, vs, view)
