@@ -160,7 +160,8 @@ def test_an_effect_that_nobody_knows_is_not_skipped():
 
 
 def test_a_reading_of_nan_has_no_jpeg():
-    shot = dataclasses.replace(SHOT, scene=with_values(SHOT.scene, {"develop.jpeg": 90.0}))
+    scene = with_values(SHOT.scene, {"develop.jpeg": 90.0})
+    shot = scene.sample(len(IMAGES), IMAGES.shape[-2:])
     raw = expose(IMAGES, shot)
     raw[1, 2, 3, 4] = float("nan")
     with pytest.raises(ValueError, match="NaN, which has no 8-bit code"):
