@@ -59,7 +59,7 @@ def run(
     overrides.sort(key=lambda argument: argument not in SWEEP_FLAGS)
     _command_line[:] = [script, *words, *overrides]
     sys.argv = [script, *overrides]
-    asked_for = os.environ.get("HYDRA_FULL_ERROR", "")
+    asked_for = os.environ.get("HYDRA_FULL_ERROR")
     os.environ["HYDRA_FULL_ERROR"] = "1"  # raise errors, do not print them
     try:
         if HELP_FLAGS & set(overrides):  # without half a second of Hydra
@@ -80,7 +80,9 @@ def run(
         raise SystemExit(1) from None
     finally:
         _command_line.clear()
-        os.environ["HYDRA_FULL_ERROR"] = asked_for
+        del os.environ["HYDRA_FULL_ERROR"]
+        if asked_for is not None:
+            os.environ["HYDRA_FULL_ERROR"] = asked_for
     if _failed_jobs:
         heading = f"error: {len(_failed_jobs)} of the sweep's jobs failed:"
         print_error("\n  ".join([heading, *_failed_jobs]))
