@@ -14,6 +14,8 @@ from moireaug.scene.drawn_parts import __file__ as DRAWN_PARTS
 from moireaug.scene.preset_names import MixtureName, PresetName
 from moireaug.scene.presets import MIXTURES, PRESETS
 
+ROOT = Path(__file__).parents[1]
+
 RIGHT = """
 import dataclasses
 
@@ -78,18 +80,17 @@ def errors(script, folder):
     """The code of the error of each line of a script that has one."""
     file = folder / "script.py"
     file.write_text(script)
-    options = ["--config-file=", "--ignore-missing-imports", "--follow-imports=silent"]
-    told, trouble, _ = mypy.api.run([*options, f"--cache-dir={folder / 'cache'}", str(file)])
+    # the project's settings and cache: to read PyTorch anew takes mypy a minute
+    options = [f"--config-file={ROOT / 'pyproject.toml'}", f"--cache-dir={ROOT / '.mypy_cache'}"]
+    told, trouble, _ = mypy.api.run([*options, str(file)])
     assert not trouble
     return {int(line): code for line, code in re.findall(r":(\d+): error: .*\[(.+)\]", told)}
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """Where scripts lie, and what mypy knows of PyTorch: reading it takes ten seconds."""
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        monkeypatch.setenv("MYPYPATH", str(Path(__file__).parents[1]))
-        yield tmp_path_factory.mktemp("types")
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("MYPYPATH", str(ROOT))
+    return tmp_path
 
 
 def test_a_script_that_is_right_has_no_error(folder):
