@@ -15,7 +15,7 @@ from moireaug import Scene, defenses
 from moireaug.synthesis.pictures import Pictures
 from tests.synthesis.folders import put
 from training import detect
-from training.detection import fit, score
+from training.detection import fit, measures, score
 from training.detection.examples import Examples
 from training.detection.labelled import collection_of, read_labelled, truth_of
 from training.detection.measures import auc
@@ -92,7 +92,7 @@ def test_a_trained_detector_scores_a_folder(trained, capsys):
     assert [file.name for file in out.iterdir()] == ["scores.csv"]
 
 
-def test_the_sheet_of_mistakes_holds_no_photo_that_is_right(tmp_path):
+def test_the_sheet_of_mistakes_holds_no_photo_that_is_right(tmp_path, monkeypatch):
     folder = tmp_path / "phones"  # as one of its collections, which is another than the top
     scores = {"screen/found": 0.9, "screen/missed": 0.5, "real/alarm": 0.6, "real/passed": 0.1}
     scores |= {"phones/screen/found": 0.9, "phones/real/passed": 0.1}
@@ -101,15 +101,23 @@ def test_the_sheet_of_mistakes_holds_no_photo_that_is_right(tmp_path):
     for name, code in codes.items():
         path = folder / f"{name}.png"
         path.parent.mkdir(parents=True, exist_ok=True)
-        Image.new("RGB", (40, 30), (code, code, code)).save(path)
+        Image.new("RGB", (1200, 900), (code, code, code)).save(path)
     rows = [{"photo": f"{name}.png", "score": one} for name, one in scores.items()]
     table = pd.DataFrame(rows)
     table["truth"] = [truth_of(name) for name in table.photo]
+    kept = []
+
+    def sheet(rows):
+        kept.extend(max(picture.size) for row in rows for picture in row)
+        return measures.sheet(rows)
+
+    monkeypatch.setattr(score, "sheet", sheet)
     score.judge(table, 0.5, folder, tmp_path)  # a score at the threshold is no screen's
     found = json.loads((tmp_path / "measures.json").read_text())
     assert {name: row["auc"] for name, row in found.items()} == {".": 0.75, "phones": 1.0}
     with Image.open(tmp_path / "mistakes.png") as sheet:
         assert {code for _, (code, *_) in sheet.getcolors()} == {20, 30, 255}
+    assert kept == [1024, 1024], "all of them at once, as large as they are"
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ from training.config.settings import setting
 from training.detection.fit import score_of
 from training.detection.labelled import collection_of, readable, truth_of
 from training.detection.measures import MISTAKES, line_of, measures, roc_plot, sheet
-from training.detection.network import Detector
+from training.detection.network import Detector, shrunk
 from training.system.files import make_folder, require_outside
 
 EXAMPLE = "python training/detect.py score in=DIR detector=runs/detect/detector.pt"
@@ -118,8 +118,10 @@ def judge(table: pd.DataFrame, threshold: float, folder: Path, out: Path) -> Non
     is_flagged = table.score > threshold
     missed = table[is_screen & ~is_flagged].nsmallest(MISTAKES, "score").photo
     alarms = table[~is_screen & is_flagged].nlargest(MISTAKES, "score").photo
-    pictures = [[read_picture(folder / name) for name in names] for names in (missed, alarms)]
-    write_bytes(out / "mistakes.png", sheet(pictures))
+    mistakes = []
+    for names in (missed, alarms):  # as large as they are, all at once would fill the memory
+        mistakes.append([shrunk(read_picture(folder / name)) for name in names])
+    write_bytes(out / "mistakes.png", sheet(mistakes))
     for name, row in found.items():
         print(line_of(name, row))
     mean = np.mean([row["auc"] for row in found.values()])
