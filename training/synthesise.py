@@ -41,11 +41,6 @@ from training.system.messages import count_text
 
 EXAMPLE = "python training/synthesise.py images=DIR out=DIR n=1000 scene=phone_at_monitor"
 
-LOST_WORKER = (
-    "a worker process was lost: it was killed, or ran out of memory. Every whole file is kept, and "
-    "the same command continues; with fewer workers=N it needs less memory."
-)
-
 
 def configure(argv: Sequence[str]) -> Config:
     """Return the settings of a command line."""
@@ -120,13 +115,8 @@ def synthesise(cfg: Config) -> None:
 def main(argv: Sequence[str]) -> None:
     """Run the command line, or exit with a one-line error."""
     torch.set_num_threads(1)
-    try:
-        with report_errors("Interrupted. Every whole file is kept; the same command continues."):
-            synthesise(configure(argv))
-    except RuntimeError as error:
-        if not str(error).startswith("DataLoader worker"):
-            raise
-        raise SystemExit(f"error: {LOST_WORKER}") from None
+    with report_errors("Interrupted. Every whole file is kept; the same command continues."):
+        synthesise(configure(argv))
 
 
 if __name__ == "__main__":

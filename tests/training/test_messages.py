@@ -99,6 +99,13 @@ def test_every_command_prints_tracebacks(tmp_path, monkeypatch, capsys):
     assert "Traceback" in refused.stderr and "error: " in refused.stderr
 
 
+@pytest.mark.parametrize("end", [" 7) is killed by signal: Killed.", "(s) 7) exited unexpectedly"])
+def test_a_lost_worker_of_any_command_gets_a_sentence(end):
+    said = pytest.raises(SystemExit, match="error: a worker process was lost: it was killed")
+    with said, plain_commands.report_errors("Interrupted."):
+        raise RuntimeError(f"DataLoader worker (pid{end}")
+
+
 BUS_ERROR = (
     "DataLoader worker (pid 7) is killed by signal: Bus error. It is possible that dataloader's "
     "workers are out of shared memory. Please try to raise your shared memory limit."

@@ -20,6 +20,10 @@ SHARED_MEMORY_ADVICE = (
     "workers: data.workers=0, or in training/synthesise.py workers=0, needs none. Everything "
     "complete is kept, and the same command continues."
 )
+LOST_WORKER = (
+    "a worker process was lost: it was killed, or ran out of memory. What is complete is kept: "
+    "give the same command again; with fewer workers it needs less memory."
+)
 LIGHTNING_ERROR = "MisconfigurationException"  # by its name, as Lightning takes seconds to import
 LEGIBLE = "legible"
 # those that raise, and stderr's own, which writes "\\u2212" for a minus sign
@@ -103,7 +107,7 @@ def is_expected(error: Exception) -> bool:
     """Return whether an error is a user's or the machine's, for which a sentence is enough."""
     if isinstance(error, EXPECTED_ERRORS) or type(error).__name__ == LIGHTNING_ERROR:
         return True
-    return lacks_shared_memory(error)
+    return lacks_shared_memory(error) or has_lost_worker(error)
 
 
 def lacks_shared_memory(error: BaseException | None) -> bool:
@@ -120,10 +124,17 @@ def lacks_shared_memory(error: BaseException | None) -> bool:
     return False
 
 
+def has_lost_worker(error: Exception) -> bool:
+    """Return whether a worker of a DataLoader has ended, as its loader says."""
+    return isinstance(error, RuntimeError) and str(error).startswith("DataLoader worker (pid")
+
+
 def sentence(error: Exception) -> str:
     """Return the message of an error, without the traceback that a DataLoader's worker adds."""
     if lacks_shared_memory(error):
         return SHARED_MEMORY_ADVICE
+    if has_lost_worker(error):
+        return LOST_WORKER
     if isinstance(error, OSError) and error.errno:  # the system's own words
         advice = "Everything complete is kept: fix this, and resume with the same command."
         return f"{error}. {advice}"

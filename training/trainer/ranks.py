@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import logging
-import re
 import signal
 import tempfile
 import time
@@ -23,6 +22,7 @@ from training.system import machine
 from training.system.files import read_checkpoint
 from training.system.messages import (
     Terminated,
+    has_lost_worker,
     is_expected,
     lacks_shared_memory,
     prepare_output,
@@ -43,7 +43,6 @@ LOST_PROCESS = (
     "error above. What is complete is kept, and the same command resumes from there."
 )
 GRACE_SECONDS = 5  # for a process to clean up; for the agent to see a lost one before the others
-_LOST_PATTERN = r"gloo|DataLoader worker \(pid"  # in the messages of plain RuntimeErrors
 
 
 class RankError(ValueError):
@@ -161,7 +160,8 @@ def fit(
     except RuntimeError as error:
         if lacks_shared_memory(error):  # of workers, whose message names them as lost
             raise
-        if isinstance(error, DistError) or re.search(_LOST_PATTERN, str(error)):
+        is_lost = isinstance(error, DistError) or "gloo" in str(error)  # a plain RuntimeError's
+        if is_lost or has_lost_worker(error):
             raise ConnectionError(f"{LOST_PROCESS} ({str(error).splitlines()[0]})") from error
         raise
     seconds = time.perf_counter() - start_time
