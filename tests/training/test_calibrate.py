@@ -120,6 +120,8 @@ WRONG = {
     "pair=x": "Did you mean 'pairs'",
     "pairs=x size=many": "size: ",
     "scene=paper": "pass either pairs= or photos=",
+    "pairs=": "a setting is given as pairs=VALUE; got 'pairs='",
+    "photos": "a setting is given as photos=VALUE; got 'photos'",
     "pairs=a photos=b": "pass either pairs= or photos=",
     "pairs=a picture=b": "leave it out with pairs=",
     "photos=a fit=true": "fit=true needs to know",

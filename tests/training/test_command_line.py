@@ -91,6 +91,18 @@ def test_a_refused_line_of_a_sweep_ends_before_its_first_job(tmp_path, monkeypat
     assert done.stderr.startswith("error: train.epochs: Value 'two'"), done.stderr
 
 
+def test_a_recipe_of_another_folder_states_its_name(tmp_path, monkeypatch):
+    monkeypatch.setattr(fit, "fit", lambda cfg: print(cfg.recipe, cfg.train.init))
+    recipe = tmp_path / "recipe/mine.yaml"
+    recipe.parent.mkdir()
+    given = ["--config-dir", str(tmp_path), "recipe=mine"]
+    recipe.write_text("# @package _global_\ntrain: {init: clean}\n")
+    refused = inside("fit.py", *given, cwd=tmp_path)
+    assert refused.stderr.startswith("error: recipe has no value: state it in the file, as in")
+    recipe.write_text("# @package _global_\nrecipe: mine\ntrain: {init: clean}\n")
+    assert inside("fit.py", *given, cwd=tmp_path).stdout == "mine clean\n"
+
+
 def test_what_to_train_must_be_said():
     """Recipes are listed, each with what it is for; a command that only prints needs none."""
     for given in ([], ["seed=1"], ["-m", "seed=0,1"], ["~recipe"], ["--config-dir", "DIR"]):

@@ -156,9 +156,10 @@ def odd(cfg):
 def test_the_flag_of_a_sweep_may_come_last(tmp_path, monkeypatch):
     """Lightning appends settings to the command line of further processes."""
     seen = []
-    monkeypatch.setattr(fit, "fit", lambda cfg: seen.append((cfg.seed, sys.argv[1])))
-    assert inside("fit.py", "recipe=clean", "seed=0,1", "-m", cwd=tmp_path).returncode == 0
-    assert seen == [(0, "-m"), (1, "-m")]
+    monkeypatch.setattr(fit, "fit", lambda cfg: seen.append((cfg.runs, sys.argv[1])))
+    assert inside("fit.py", "recipe=clean", "runs=a,b", "-m", cwd=tmp_path).returncode == 0
+    assert seen == [("a", "-m"), ("b", "-m")]
+    assert not (tmp_path / "a,b").exists(), "a folder of several folders' names"
 
 
 def test_a_sweep_outlives_failed_jobs_and_lists_them(tmp_path, monkeypatch):

@@ -134,6 +134,8 @@ def test_weights_of_another_model_are_refused_even_with_other_classes(tmp_path):
         build("small_resnet", 3, path)
     with pytest.raises(ValueError, match="do not fit 'squeezenet1_0'"):
         build("squeezenet1_0", 3, path)
+    with pytest.raises(ValueError, match="lack the last layer of 'small_resnet'"):
+        models.class_count_of("small_resnet", str(path))
 
 
 class Opener:

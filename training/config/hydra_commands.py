@@ -90,11 +90,15 @@ def run(
 
 
 def _folder_of_runs(overrides: Sequence[str], schema: type[RunConfig]) -> Path:
-    """Return the folder of `runs=`, the last one given, or its default."""
+    """Return the folder of `runs=`, the last one given, or its default, also of a sweep over
+    several."""
     folder = schema.runs
     for override in overrides:
         if override.startswith("runs="):
-            folder = override.removeprefix("runs=").strip("'\"")
+            value = override.removeprefix("runs=")
+            folder = value.strip("'\"")
+            if "," in value and value == folder:
+                folder = schema.runs
     return Path(folder)
 
 

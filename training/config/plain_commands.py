@@ -46,9 +46,9 @@ def parse(
 
 def _set(cfg: Any, table: Mapping[str, Setting], argument: str) -> None:
     """Give a setting the value that an argument has for it."""
-    key, equals, value = argument.partition("=")
+    key, _, value = argument.partition("=")
     one_of("a setting", key, table)
-    if not equals:
+    if not value:  # also of a shell's variable that is not set
         raise ValueError(f"a setting is given as {key}=VALUE; got {argument!r}.")
     try:
         if value == "null":

@@ -134,7 +134,7 @@ class Trainer:
         choices=PRECISIONS,
     )
     deterministic: Any = setting(
-        False, "CPU runs are exact anyway; CUDA's bilinear resampling refuses true"
+        False, "CPU runs repeat anyway; CUDA's bilinear resampling refuses true"
     )
 
 
@@ -238,12 +238,10 @@ class ReattackConfig(Config):
 
 
 def as_config(cfg: DictConfig | ListConfig) -> Any:
-    """Return the settings that Hydra composed as the dataclass they are declared as.
-
-    Raises:
-        omegaconf.errors.MissingMandatoryValue: a setting without a value.
-        ValueError: a setting that is not declared.
-    """
+    """Return the settings that Hydra composed as the dataclass they are declared as; a setting
+    without a value, or one that is not declared, is refused."""
+    if missing := sorted(OmegaConf.missing_keys(cfg)):
+        raise ValueError(f"{missing[0]} has no value: state it in the file, as in recipe: NAME.")
     config = OmegaConf.to_object(cfg)
     require_declared(config)
     return config

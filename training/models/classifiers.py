@@ -113,8 +113,15 @@ def _head_of(name: str) -> str:
 
 
 def class_count_of(name: str, weights: str) -> int:
-    """Return the number of logits of a model's weights, given as in `as_model`."""
-    return class_count(name, _state(name, weights))
+    """Return the number of logits of a model's weights, given as in `as_model`; weights without a
+    head are refused."""
+    count = class_count(name, _state(name, weights))
+    if not count:
+        raise ValueError(
+            f"The weights {weights!r} lack the last layer of {name!r}, {_head_of(name)}: pass the "
+            "model that they were saved from, with all of its weights."
+        )
+    return count
 
 
 def require_known(name: str) -> None:
