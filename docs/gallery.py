@@ -36,8 +36,8 @@ BANNER_CROP = (1.0, 3.0)
 
 INTRODUCTION = f"""# Gallery
 
-A picture of {SIDE} px in every preset. First row: whole photos, the strongest, middle and weakest
-moiré of {CANDIDATES} samples. Second row:
+A picture of {SIDE} px in every preset. Top: whole photos (LED sign: crops) with the most, median
+and least moiré of {CANDIDATES} samples. Below:
 [crops](how_to_choose.md#is-my-image-a-whole-photo-or-a-crop) at the camera's resolution
 (`shrink={CROP:g}`). Last, the middle of the first photo, magnified, and its moiré's spectrum.
 
