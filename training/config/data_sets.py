@@ -97,7 +97,7 @@ def is_users_own(name: Any) -> bool:
 class Data:
     """The images, their size and their numbers."""
 
-    name: str = setting(MISSING, "data set", choices=tuple(DATA_SETS))
+    name: str = setting(MISSING, "data set, by default signs", choices=tuple(DATA_SETS))
     root: str | None = setting(
         None,
         "folder of the data; for data=folder, with train/ and test/, or test classes alone; with "
