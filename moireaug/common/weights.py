@@ -7,7 +7,7 @@ import contextlib
 import io
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -21,6 +21,7 @@ STATE_DICT_KEYS = ["state_dict", "model_state_dict", "model"]
 STATE_DICT_KEYS += ["state_dict_ema", "ema_state_dict", "model_ema"]
 # prefixes of names by DataParallel, AveragedModel, a LightningModule and torch.compile
 WRAPPER_PREFIXES = ("module.", "model.", "_orig_mod.")
+Value = TypeVar("Value")
 
 
 def write_tensors(path: str | Path, content: Any) -> None:
@@ -48,7 +49,7 @@ def read_state_dict(path: str | Path, subject: str, advice: str) -> dict[str, Te
     for candidate in candidates:
         items = candidate.items() if isinstance(candidate, Mapping) else ()
         if items and all(isinstance(k, str) and isinstance(v, Tensor) for k, v in items):
-            return _without_wrappers(dict(items))
+            return without_wrappers(dict(items))
     names = ", ".join(map(repr, STATE_DICT_KEYS))
     raise ValueError(
         f"{subject}: the weights file {str(path)!r} holds something other than a state_dict (a "
@@ -122,8 +123,9 @@ def _content(path: str | Path) -> Any:
         return torch.load(path, map_location="cpu", weights_only=True)
 
 
-def _without_wrappers(state: dict[str, Tensor]) -> dict[str, Tensor]:
+def without_wrappers(state: Mapping[str, Value]) -> dict[str, Value]:
     """Return the part of a state_dict that is the wrapped model's, with the model's names."""
+    state = dict(state)
     while prefix := next(
         (p for p in WRAPPER_PREFIXES if any(name.startswith(p) for name in state)), None
     ):

@@ -2,6 +2,7 @@
 say what to do."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -136,6 +137,25 @@ def test_weights_of_another_model_are_refused_even_with_other_classes(tmp_path):
         build("squeezenet1_0", 3, path)
     with pytest.raises(ValueError, match="lack the last layer of 'small_resnet'"):
         models.class_count_of("small_resnet", str(path))
+
+
+class Wrapper(torch.nn.Module):
+    """Keeps all of its layers under one name."""
+
+    def __init__(self, attribute, num_classes):
+        super().__init__()
+        setattr(self, attribute, SmallResNet(num_classes))
+
+
+@pytest.mark.parametrize("attribute", ["model", "module"])
+def test_a_model_may_itself_look_like_a_wrapper(attribute, tmp_path, monkeypatch):
+    monkeypatch.setitem(models.OWN_MODELS, attribute, partial(Wrapper, attribute))
+    model = build(attribute, 7)
+    path = saved(model, tmp_path / "weights.pth")
+    assert models.class_count_of(attribute, path) == 7
+    assert same(model, build(attribute, 7, path), model.state_dict())
+    others = [key for key in model.state_dict() if ".head." not in key]
+    assert same(model, build(attribute, 3, path), others)
 
 
 class Opener:

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from moireaug.attacks import Normalized
 from moireaug.common.networks import in_evaluation_mode
-from moireaug.common.weights import read_state_dict
+from moireaug.common.weights import read_state_dict, without_wrappers
 from training.models.small_convnet import AttentionConvNet
 from training.models.small_resnet import SmallResNet
 
@@ -95,7 +95,8 @@ def class_names(name: str) -> dict[int, str]:
 def class_count(name: str, state: Mapping[str, Tensor]) -> int:
     """Return the number of logits of a state of this model; 0 where it lacks the head's weights."""
     head = _head_of(name)
-    weight = state.get(head, state.get(f"model.{head}"))  # of `Normalized`
+    bare = next(iter(without_wrappers({head: head})))
+    weight = state.get(head, state.get(f"model.{head}", state.get(bare)))  # of `Normalized`
     return 0 if weight is None or not weight.dim() else len(weight)
 
 
@@ -178,6 +179,9 @@ def _load(
 ) -> None:
     """Copy a state into a model, except for a head made for another number of classes."""
     expected = model.state_dict()
+    # a model of one's own may itself keep all layers in an attribute named as a wrapper's
+    full_names = without_wrappers({key: key for key in expected})
+    state = {full_names.get(key, key): value for key, value in state.items()}
     common = [key for key in state if key in expected]
     reshaped = [key for key in common if state[key].shape != expected[key].shape]
     if reshaped and not whole and _is_head(name, reshaped, expected, state):
