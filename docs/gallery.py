@@ -41,7 +41,7 @@ and least moiré of {CANDIDATES} samples. Below:
 [crops](how_to_choose.md#is-my-image-a-whole-photo-or-a-crop) at the camera's resolution
 (`shrink={CROP:g}`). Last, the middle of the first photo, magnified, and its moiré's spectrum.
 
-Moiré is the median RMS difference of 8-bit values from photos without it, of only nine samples;
+Moiré is the median RMS difference of 8-bit values from photos without it, of nine samples;
 ms is CPU time per photo of 224 px, in batches of {TIMED_BATCH}, on one thread of {{machine}}
 (`python docs/gallery.py`; the portrait of Grace Hopper is in the public domain).
 
