@@ -232,9 +232,12 @@ def main() -> None:
         "--classifiers", type=Path, required=True, help="a folder of files such as resnet18.pth"
     )
     parser.add_argument("--seed", type=int, default=0, help="of the training: order and photos")
+    parser.add_argument("--crops", type=int, help="of an epoch; 960, the recipe's are 3,200")
+    parser.add_argument("--epochs", type=int, help="2, the recipe's are 5")
     parser.add_argument("--only", nargs="+", choices=TREATMENTS, default=list(TREATMENTS))
     args, effort, _ = measure.begin(parser, Effort(), QUICK_SETTINGS)
-    effort = replace(effort, seed=args.seed)
+    train, epochs = args.crops or effort.train, args.epochs or effort.epochs
+    effort = replace(effort, seed=args.seed, train=train, epochs=epochs)
     try:
         teachers = read_classifiers(args.classifiers) | efficientnets_lite()
         pairs = list(read_pairs(find_pairs(args.pairs)))
@@ -253,7 +256,8 @@ def main() -> None:
                 for networks in tune_halves(files[name], TREATMENTS[training], pairs, effort):
                     for kind, network in networks.items():
                         students.setdefault((training, kind), []).append(network)
-            rows += [{"seed": effort.seed} | row for row in rows_of(name, students, judged)]
+            trained = {"seed": effort.seed, "crops": effort.train, "epochs": effort.epochs}
+            rows += [trained | row for row in rows_of(name, students, judged)]
     measure.publish(pd.DataFrame(rows), measure.results(args) / "fine_tuning.csv")
 
 

@@ -112,13 +112,21 @@ def test_the_script_tunes_and_judges(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     given = ["pairs.csv", "--loose", "loose.csv"]
     given += ["--classifiers", "classifiers", "--quick", "--threads", "1", "--out", "."]
-    given += ["--only", "screen_photo without moiré", "blur, colour and JPEG", "real photos"]
+    given += [
+        "--epochs",
+        "2",
+        "--only",
+        "screen_photo without moiré",
+        "blur, colour and JPEG",
+        "real photos",
+    ]
     monkeypatch.setattr(sys, "argv", [str(Path("fine_tuning.py")), *given])
     fine_tuning.main()
     table = pd.read_csv("fine_tuning.csv")
     counts = table.groupby("pairs", sort=False)["n"].first()
     assert counts["pairs"] == 4 and counts["loose"] == 2
     assert (table.groupby(["classifier", "pairs"])["tuned on"].nunique() == 4).all()
+    assert set(table["crops"]) == {4} and set(table["epochs"]) == {2}
     assert set(table["classifier"]) == {"squeezenet1_1", "efficientnet_lite0"}
     untouched = table[table["tuned on"] == "nothing"]
     assert (untouched["original as before"] == 1).all()
