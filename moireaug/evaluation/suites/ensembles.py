@@ -111,8 +111,8 @@ def _is_paper_defence(name: str, defence: ImageTransform) -> bool:
 
 
 def attackers_of_the_camera(config: SuiteConfig, eps: float) -> dict[str, Condition]:
-    """Return the attackers by column who do not know the photo, and, where every scene lets it be
-    turned, who turn the camera."""
+    """Return the attackers by column who do not know the photo, and, where every scene varies them,
+    who vary pose and panel."""
     steps = config.steps
     attackers: dict[str, Condition] = {"photo_unknown": PhotoUnknownAttacker(eps=eps, steps=steps)}
     if parts := movable_parts(config.scene, ("view", "panel")):

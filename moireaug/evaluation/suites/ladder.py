@@ -60,7 +60,8 @@ def full_ladder(config: SuiteConfig) -> Table:
     """Lay out the ladder with the turned image, as bright as the clean one (dimmed, it is the photo
     without moiré), and with two more attackers at the middle eps: APGD with APGD-T, and noise for
     an unknown photo. On a model that a few steps fool, the latter took twenty times as long as the
-    Moiré Attack; one who turns the camera took two hundred times as long, and is in `standard`."""
+    Moiré Attack; one who varies pose and panel took two hundred times as long, and is in
+    `standard`."""
     eps, steps = config.middle, config.steps
     conditions = {condition.name: condition for condition in ladder_conditions(config)}
     size = in_255ths(eps)

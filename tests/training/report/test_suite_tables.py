@@ -77,7 +77,7 @@ def test_every_table_has_a_text_whose_note_and_pictures_are_of_it():
 def test_a_note_says_where_no_attacker_turns_the_camera(scene, turns):
     (table,) = tables_of("standard", PaperConfig(scene=scene))
     told = note_of(table, suite_metrics())
-    assert ("No attacker turns the camera" in told) != turns and "100 queries" in told
+    assert ("No attacker varies pose and panel" in told) != turns and "100 queries" in told
 
 
 def published_of(table, eps=CONFIG.middle):
