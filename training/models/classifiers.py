@@ -95,8 +95,9 @@ def class_names(name: str) -> dict[int, str]:
 def class_count(name: str, state: Mapping[str, Tensor]) -> int:
     """Return the number of logits of a state of this model; 0 where it lacks the head's weights."""
     head = _head_of(name)
-    bare = next(iter(without_wrappers({head: head})))
-    weight = state.get(head, state.get(f"model.{head}", state.get(bare)))  # of `Normalized`
+    # as in the model, in one that `Normalized` wraps, and as `read_state_dict` names it
+    names = (head, f"model.{head}", *without_wrappers({head: head}))
+    weight = next((state[key] for key in names if key in state), None)
     return 0 if weight is None or not weight.dim() else len(weight)
 
 
