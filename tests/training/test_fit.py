@@ -85,8 +85,8 @@ def test_a_run_leaves_what_it_promises(whole):
         ("Epoch", 1 + 2 + 2),
     ):
         assert sum(line.startswith(begin) for line in printed) == count, begin
-    once = "moireaug compiles its CPU kernels, once on this machine"
-    assert [line for line in err.splitlines() if not line.startswith(once)] == []
+    once = "compiles its CPU kernels, once on this machine"  # this process, or another
+    assert [line for line in err.splitlines() if once not in line] == []
 
 
 def test_the_baseline_trains_as_long_as_the_run(whole):
