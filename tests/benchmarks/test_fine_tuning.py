@@ -112,14 +112,8 @@ def test_the_script_tunes_and_judges(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     given = ["pairs.csv", "--loose", "loose.csv"]
     given += ["--classifiers", "classifiers", "--quick", "--threads", "1", "--out", "."]
-    given += [
-        "--epochs",
-        "2",
-        "--only",
-        "screen_photo without moiré",
-        "blur, colour and JPEG",
-        "real photos",
-    ]
+    given += ["--epochs", "2", "--only"]
+    given += ["screen_photo without moiré", "blur, colour and JPEG", "real photos"]
     monkeypatch.setattr(sys, "argv", [str(Path("fine_tuning.py")), *given])
     fine_tuning.main()
     table = pd.read_csv("fine_tuning.csv")
